@@ -72,7 +72,17 @@ class KnownScene(Inputs):
         """The floor of a place that mirrors it in Gaussians; None without splats or where nothing shows one."""
         from ..splats.floor_mirror import floor_mirror
 
-        return None if self.splats is None else floor_mirror(self.splats[0], self.scene, self.request.lighting.seed)
+        if self.splats is None:
+            return None
+        with self.stages.stage("bind splats"):
+            return floor_mirror(self.splats[0], self.scene, self.request.lighting.seed, self.cache)
+
+    @property
+    def mirrored_floor(self) -> dict[str, Any] | None:
+        """The entry of the report for a floor that mirrors in the splats, JSON-clean; None without one."""
+        if not self.shows_splats or self.splats is None or self.mirror is None:
+            return None
+        return self.mirror.as_dict(len(self.mirror.rows(self.splats[0], self.scene)))
 
     @cached_property
     def gloss(self) -> "SceneGloss | None":

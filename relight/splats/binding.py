@@ -54,7 +54,8 @@ class Binding:
         advance: Callable[[int], None] = lambda count: None,  # called with the number of finished views
         cache: Cache | None = None,  # Cache of the scene, where what takes long is kept unless views are given
         diagonal: float | None = None,  # of `Surface`, where the scene is a part of another
-        mirror: FloorMirror | None = None,  # FloorMirror of the scene, whose reflections take the light of what it mirrors
+        mirror: FloorMirror
+        | None = None,  # FloorMirror of the scene, whose reflections take the light of what it mirrors
     ) -> None:
         """Bind them. Warns with a DataWarning of Gaussians that cannot be lit."""
         self._splats, self.lit = splats, sound(splats)
@@ -181,7 +182,8 @@ class Binding:
         of_nodes, mean = self._log_gains(before, after, exposure, usual)
         logs = self.places.interpolate(of_nodes)
         if self._mirrored is not None:
-            logs[self._mirrored.rows] = self._mirrored.log_gains(of_nodes)
+            rows = self._mirrored.rows
+            logs[rows] = self._mirrored.log_gains(of_nodes, logs[rows])
         s = self._splats
         sh = relit_sh(self.shown.sh, logs, mean)
         if self._looks is not None and rounds:

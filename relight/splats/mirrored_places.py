@@ -1,7 +1,6 @@
 """Light of the Gaussians of a mirror world below a floor: that of the surfaces which the floor mirrors, and its own."""
 
 from copy import copy
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,8 +25,7 @@ _DARKEST = 1e-4  # linear
 class MirroredPlaces:
     """Attachment of M Gaussians of a mirror world to the surfaces above the floor.
 
-    rows: (M,) of the splats. own: (M, 3) float32, the part of each colour that the floor itself sends. columns: nodes
-    that any of them takes light from, beside `weights` of the same shape.
+    rows: (M,) of the splats. own: (M, 3) float32, the part of each colour that the floor itself sends.
     """
 
     def __init__(
@@ -42,32 +40,35 @@ class MirroredPlaces:
         matrix = np.asarray(scene.scene_from_splat, np.float64)
         normal = matrix[:3, :3].T @ mirror.normal
         size = float(np.linalg.norm(normal))
-        normal, offset = normal / size, (mirror.offset - matrix[:3, 3] @ mirror.normal) / size
+        normal, offset = normal / size, float(mirror.offset - matrix[:3, 3] @ mirror.normal) / size
         margin = mirror.margin / size
         height = surface.points.astype(np.float64) @ normal - offset
         corners = height[surface.faces]
         self.rows = rows
         self._above = _Part(surface, (corners > -margin).all(axis=1))
         level = surface.normals[surface.faces].mean(axis=1) @ normal > LEVEL
-        floor = level & (np.abs(corners) < margin).all(axis=1)
-        self._floor = _Part(surface, floor if floor.any() else (corners > -margin).all(axis=1))
-        some = splats.take(rows)
+        self._floor = _Part(surface, level & (np.abs(corners) < margin).all(axis=1))
+        some, back = splats.take(rows), np.linalg.inv(matrix)
         means = some.means.astype(np.float64)
         depth = offset - means @ normal
         self._mirrored = Places(self._above.surface, _mirrored(some, normal, depth))
-        seen = _seen_at(means, depth, standing(scene), np.linalg.inv(matrix), normal, offset)
-        self._standing = Places(self._floor.surface, _moved(some, seen))
+        seen = _seen_at(means, depth, standing(scene) @ back[:3, :3].T + back[:3, 3], normal, offset)
+        gap = np.linalg.norm(self._floor.surface.caster.closest(seen.astype(np.float32)).points - seen, axis=1)
+        self._covered = np.flatnonzero(gap < margin)
+        self._standing = Places(self._floor.surface, _moved(some, seen).take(self._covered))
         color = linear_from_srgb(np.clip(np.float32(0.5) + np.float32(SH_C0) * some.sh[:, 0], 0.0, 1.0))
         self.own = np.clip(mirror.own / np.maximum(color, _DARKEST), 0.0, 1.0).astype(np.float32)
 
-    def log_gains(self, of_nodes: Floats) -> NDArray[np.float32]:
+    def log_gains(self, of_nodes: Floats, nearest: Floats) -> NDArray[np.float32]:
         """Log gain (M, 3) float32 of the Gaussians, of that of the surface's nodes: the floor's own part follows the
-        floor, the rest what it mirrors."""
-        mirrored, standing_on = (
-            np.exp(CURVE_POWER * places.interpolate(of_nodes[part.nodes]))
-            for places, part in ((self._mirrored, self._above), (self._standing, self._floor))
+        floor, the rest what it mirrors. nearest: (M, 3) log gain of the surface nearest to each, for its own part where
+        the mesh has no floor: it shows the light that falls through there."""
+        floor = nearest.copy()
+        floor[self._covered] = self._standing.interpolate(of_nodes[self._floor.nodes])
+        mirrored, own = (
+            np.exp(CURVE_POWER * logs) for logs in (self._mirrored.interpolate(of_nodes[self._above.nodes]), floor)
         )
-        return np.asarray(np.log(mirrored + self.own * (standing_on - mirrored)) / CURVE_POWER, np.float32)
+        return np.asarray(np.log(mirrored + self.own * (own - mirrored)) / CURVE_POWER, np.float32)
 
     def reached(self, count: int) -> Mask:
         """Which of the surface's nodes, so many, any of the Gaussians takes light from: (count,) bool."""
@@ -110,13 +111,11 @@ def _moved(splats: Splats, means: NDArray[np.float64]) -> Splats:
 def _seen_at(
     means: NDArray[np.float64],
     depth: NDArray[np.float64],
-    eyes: NDArray[np.float64],  # (E, 3), frame of the scene
-    back: NDArray[np.float64],  # (4, 4) from there to the frame of the means
+    eyes: NDArray[np.float64],  # (E, 3)
     normal: NDArray[np.float64],
     offset: float,
 ) -> NDArray[np.float64]:
-    """Where on the floor the nearest eye sees each of means (M, 3): (M, 3)."""
-    eyes = eyes @ back[:3, :3].T + back[:3, 3]
+    """Where on the floor the nearest eye sees each of means (M, 3), that far below it: (M, 3)."""
     nearest = eyes[np.linalg.norm(means[:, None] - eyes, axis=2).argmin(axis=1)]
     high = nearest @ normal - offset
     return np.asarray(means + (depth / np.maximum(depth + high, 1e-12))[:, None] * (nearest - means))
