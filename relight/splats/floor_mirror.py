@@ -32,6 +32,9 @@ BENEATH, DEEP = 0.05, 0.3
 """Depths below the floor, in sizes: from which Gaussians are not the floor's own, and from which their mirrored
 places say something: those of shallower ones always lie near the floor."""
 
+LEVELS = 3
+"""Level surfaces that are asked. A well captured mirror world has a level one too, the image of the ceiling."""
+
 SOLID = 0.1
 """Opacity from which a Gaussian counts as something."""
 
@@ -93,35 +96,42 @@ def placed(splats: Splats, scene: Scene) -> NDArray[np.float64]:
 def floor_mirror(splats: Splats, scene: Scene, seed: int = 0, cache: Cache | None = None) -> FloorMirror | None:
     """The FloorMirror of a Scene made of these Splats, every row of the source; None where nothing shows one for sure.
 
-    An object has none, nor has a place whose eyes are not all above its largest level surface. cache: of the scene,
+    An object has none, nor has a place whose eyes are not above a large level surface. cache: of the scene,
     for what pictures show; where little is below the floor no picture is taken.
     """
     eyes = standing(scene)
     if not len(eyes) or not len(scene.faces):
         return None
     size = float(np.median(cKDTree(eyes).query(scene.vertices)[0]))
-    found = _floor(scene, eyes, size)
-    if found is None:
-        return None
-    normal, offset = found
     shown = sound(splats)
     points = np.where(shown[:, None], placed(splats, scene), 0.0)
-    height = points @ normal - offset
     near = np.linalg.norm((points - np.median(eyes, axis=0))[:, [0, 2]], axis=1) < REACH * size
-    deep = np.flatnonzero(shown & near & (splats.opacities > SOLID) & (height < -DEEP * size))
-    if len(deep) < max(LEAST_COUNT, LEAST_PART * len(splats)):
+    solid = shown & near & (splats.opacities > SOLID)
+    floors = []
+    for normal, offset in _levels(scene, eyes, size):
+        deep = np.flatnonzero(solid & (points @ normal - offset < -DEEP * size))
+        if len(deep) >= max(LEAST_COUNT, LEAST_PART * len(splats)):
+            floors.append((normal, offset, deep))
+    if not floors:
         return None
     key = array_key(splats.means, splats.opacities, splats.sh[:, 0], scene.colors_srgb), seed
     kept = None if cache is None else cache.restored(_restored, "floor_mirror", *key)
     if kept is None:
-        high = np.asarray(scene.vertices @ normal > offset + BENEATH * size)
-        above = np.asarray(high[scene.faces].all(axis=1))
-        room = MirroredRoom(scene, above, normal, offset, eyes, size)
-        shown &= height < -BENEATH * size
-        kept = [_proven(splats, shown, points[_some(deep, seed)], room)]
+        kept = [None]
+        for normal, offset, deep in floors:
+            if kept[0] is None:
+                below = shown & (points @ normal - offset < -BENEATH * size)
+                kept = [_proven(splats, below, points[_some(deep, seed)], _room(scene, normal, offset, eyes, size))]
         if cache is not None:
             cache.put("floor_mirror", *key, **({} if kept[0] is None else kept[0]._asdict()))
     return kept[0]
+
+
+def _room(scene: Scene, normal: NDArray[np.float64], offset: float, eyes: Points, size: float) -> MirroredRoom:
+    """What stands above a plane, and the eyes there."""
+    high = np.asarray(scene.vertices @ normal > offset + BENEATH * size)
+    above = np.asarray(high[scene.faces].all(axis=1))
+    return MirroredRoom(scene, above, normal, offset, eyes[eyes @ normal > offset + BENEATH * size], size)
 
 
 def _proven(splats: Splats, below: Mask, deep: Points, room: MirroredRoom) -> FloorMirror | None:
@@ -159,29 +169,32 @@ def _restored(arrays: Mapping[str, NDArray[Any]]) -> list[FloorMirror | None]:
     return [mirror]
 
 
-def _floor(scene: Scene, eyes: Points, size: float) -> tuple[NDArray[np.float64], float] | None:
-    """Normal and offset of the plane of the largest level surface, where all eyes are above it."""
+def _levels(scene: Scene, eyes: Points, size: float) -> list[tuple[NDArray[np.float64], float]]:
+    """Normal and offset of the planes of the largest level surfaces above which most eyes are, the largest first."""
     corners = scene.vertices.astype(np.float64)[scene.faces]
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area, centers = 0.5 * np.linalg.norm(across, axis=1), corners.mean(axis=1)
     level = across[:, 1] > LEVEL * 2.0 * area
     level &= np.linalg.norm((centers - np.median(eyes, axis=0))[:, [0, 2]], axis=1) < REACH * size
-    if not level.any():
-        return None
+    level &= centers[:, 1] < np.median(eyes[:, 1])
     area, centers = area[level], centers[level]
     bins = np.floor(centers[:, 1] / (BIN * size)).astype(np.int64)
-    bins -= bins.min()
-    if bins.max() > 1_000_000:
-        return None
+    bins -= bins.min(initial=0)
+    if not len(bins) or bins.max() > 1_000_000:
+        return []
     sums = np.convolve(np.bincount(bins, area), np.ones(3), "same")
-    best = int(sums.argmax())
-    if sums[best] < LEAST_AREA * size**2:
-        return None
-    rows = np.abs(bins - best) <= 1
-    weight = np.sqrt(area[rows])
-    basis = np.column_stack([np.ones(rows.sum()), centers[rows][:, [0, 2]]])
-    height, east, south = np.linalg.lstsq(basis * weight[:, None], centers[rows, 1] * weight, rcond=None)[0]
-    normal = np.array([-east, 1.0, -south])
-    scale = float(np.linalg.norm(normal))
-    normal, offset = normal / scale, float(height) / scale
-    return (normal, offset) if (eyes @ normal > offset + BENEATH * size).all() else None
+    found = []
+    for _ in range(LEVELS):
+        best = int(sums.argmax())
+        if sums[best] < LEAST_AREA * size**2:
+            break
+        sums[max(best - 3, 0) : best + 4] = 0.0
+        rows = np.abs(bins - best) <= 1
+        weight = np.sqrt(area[rows])
+        basis = np.column_stack([np.ones(rows.sum()), centers[rows][:, [0, 2]]])
+        height, east, south = np.linalg.lstsq(basis * weight[:, None], centers[rows, 1] * weight, rcond=None)[0]
+        normal = np.array([-east, 1.0, -south])
+        scale = float(np.linalg.norm(normal))
+        if (eyes @ normal > float(height) + BENEATH * size).mean() > 0.5:
+            found.append((normal / scale, float(height) / scale))
+    return found
