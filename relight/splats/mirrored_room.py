@@ -20,8 +20,9 @@ CLOSE, SHIFT, TURNS = 0.04, 0.2, 7
 """Distance, in sizes, at which a mirrored place counts half as on a surface; the heights, above and below the floor,
 and the number of turns about the vertical that must fit worse."""
 
-CLOSER = 1.25
-"""Factor by which the true plane must fit better than those. A polished exhibition room has 1.5."""
+CLOSER, CLOSEST = 1.15, 0.22
+"""Factor by which the true plane must fit better than those, and its least mean. A polished exhibition room has 1.28
+and .31; below tables of a lounge and a garden 1.1 to 1.5 and .17 at most."""
 
 EYES, SIDES, PIXELS, FIELD_DEG, SLOPE = 6, 3, 64, 80.0, 0.45
 """Of the pictures through the floor: eyes, pictures from each, pixels along a side, field of view, and how far down
@@ -69,7 +70,7 @@ class MirroredRoom:
 
         others = [closeness(points, shift) for shift in (-SHIFT, SHIFT)]
         others += [closeness(self._turned(points, turn)) for turn in range(TURNS)]
-        return closeness(points) > CLOSER * max(others)
+        return closeness(points) > max(CLOSEST, CLOSER * max(others))
 
     def seen_through(self, splats: Splats, below: Mask) -> SeenThrough:
         """What the eyes see of the Splats of the scene that are below the plane, (N,) bool."""
