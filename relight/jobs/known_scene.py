@@ -82,7 +82,7 @@ class KnownScene(Inputs):
         """The entry of the report for a floor that mirrors in the splats, JSON-clean; None without one."""
         if not self.shows_splats or self.splats is None or self.mirror is None:
             return None
-        return self.mirror.as_dict(len(self.mirror.rows(self.splats[0], self.scene)))
+        return self.mirror.as_dict()
 
     @cached_property
     def gloss(self) -> "SceneGloss | None":

@@ -42,7 +42,7 @@ class RelitSource:
         assert self._splats is not None  # not called otherwise
         if self._sky_rows is None:
             mirror, self._far = self._mirror(), self._scene.background_splats
-            self._far = self._far if mirror is None else mirror.spared(self._far, self._splats, self._scene)
+            self._far = self._far if mirror is None else mirror.spared(self._far)
             self._sky_rows = shown_as_sky(self._splats, self._scene, self._appearance, mirror)
         light, shading, exposure, backdrop = shaded[:4]
         inserted = shaded.inserted

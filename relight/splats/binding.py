@@ -93,7 +93,7 @@ class Binding:
     def _reflect(self, mirror: FloorMirror, scene: Scene) -> None:
         """Give the reflections of a floor the light of what it mirrors. The fit leaves out the pixels that show them:
         the mesh has another light there."""
-        rows = np.cumsum(self.lit)[mirror.rows(self._splats, scene)] - 1
+        rows = np.cumsum(self.lit)[mirror.rows] - 1
         self._mirrored = MirroredPlaces(mirror, self.surface, scene, self.shown, rows)
         self._taken = self._taken | self._mirrored.reached(len(self.surface.points))
         if self._looks is None:

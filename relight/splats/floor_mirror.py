@@ -8,13 +8,14 @@ after such turns. And it is dimmer than that.
 """
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from splat2mesh.base.arrays import Indices, Mask, Points
+from splat2mesh.base.arrays import Indices, Points
 from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.cleaning import sound
 from splat2mesh.splats.splats import Splats
@@ -57,11 +58,13 @@ WEAKEST, STRONGEST = 0.03, 0.7
 
 
 class FloorMirror(NamedTuple):
-    """A mirroring floor. normal: (3,) float64 unit, up, offset: normal @ x of its points, in the frame of the scene.
-    margin: depth from which what lies below is its reflection. own: (3,) float64, linear radiance that the floor itself
-    sends. reflectance, agreement, turned: share of mirrored light, correlation of it with the pictures, and the best
-    one after a turn. through: share of what eyes see of the floor that is seen through it."""
+    """A mirroring floor. rows: (M,) int64, splats below it that show its reflection, far background among them.
+    normal: (3,) float64 unit, up, offset: normal @ x of its points, in the frame of the scene. margin: depth from which
+    splats are not its own. own: (3,) float64, linear radiance that the floor itself sends. reflectance, agreement,
+    turned: share of mirrored light, correlation of it with the pictures, and the best one after a turn. through: share
+    of what eyes see of the floor that is seen through it."""
 
+    rows: Indices
     normal: NDArray[np.float64]
     offset: float
     margin: float
@@ -71,21 +74,20 @@ class FloorMirror(NamedTuple):
     turned: float
     through: float
 
-    def rows(self, splats: Splats, scene: Scene) -> Indices:
-        """Rows (M,) of the Splats of a Scene that are its reflection, far background among them."""
-        with np.errstate(invalid="ignore", over="ignore"):
-            below = placed(splats, scene) @ self.normal < self.offset - self.margin
-        return np.flatnonzero(below & sound(splats))
+    def spared(self, rows: Indices) -> Indices:
+        """Those of some rows (K,) of the splats that are no reflection."""
+        return rows[~np.isin(rows, self.rows)]
 
-    def spared(self, rows: Indices, splats: Splats, scene: Scene) -> Indices:
-        """Those of some rows (M,) of these Splats that are no reflection."""
-        return rows[~np.isin(rows, self.rows(splats, scene))]
-
-    def as_dict(self, count: int) -> dict[str, Any]:
-        """The entry of the report, JSON-clean. count: of rows."""
+    def as_dict(self) -> dict[str, Any]:
+        """The entry of the report, JSON-clean."""
         own = [round(float(each), 4) for each in self.own]
         figures = {name: round(float(getattr(self, name)), 4) for name in ("reflectance", "agreement", "through")}
-        return {"splats": count, "height": round(self.offset / float(self.normal[1]), 4), "own": own, **figures}
+        return {
+            "splats": len(self.rows),
+            "height": round(self.offset / float(self.normal[1]), 4),
+            "own": own,
+            **figures,
+        }
 
 
 def placed(splats: Splats, scene: Scene) -> NDArray[np.float64]:
@@ -116,13 +118,14 @@ def floor_mirror(splats: Splats, scene: Scene, seed: int = 0, cache: Cache | Non
     if not floors:
         return None
     key = array_key(splats.means, splats.opacities, splats.sh[:, 0], scene.colors_srgb), seed
-    kept = None if cache is None else cache.restored(_restored, "floor_mirror", *key)
+    kept = None if cache is None else cache.restored(partial(_restored, len(splats)), "floor_mirror", *key)
     if kept is None:
         kept = [None]
         for normal, offset, deep in floors:
             if kept[0] is None:
-                below = shown & (points @ normal - offset < -BENEATH * size)
-                kept = [_proven(splats, below, points[_some(deep, seed)], _room(scene, normal, offset, eyes, size))]
+                below = np.flatnonzero(shown & (points @ normal - offset < -BENEATH * size))
+                room = _room(scene, normal, offset, eyes, size)
+                kept = [_proven(splats, points, below, _some(deep, seed), room)]
         if cache is not None:
             cache.put("floor_mirror", *key, **({} if kept[0] is None else kept[0]._asdict()))
     return kept[0]
@@ -135,12 +138,14 @@ def _room(scene: Scene, normal: NDArray[np.float64], offset: float, eyes: Points
     return MirroredRoom(scene, above, normal, offset, eyes[eyes @ normal > offset + BENEATH * size], size)
 
 
-def _proven(splats: Splats, below: Mask, deep: Points, room: MirroredRoom) -> FloorMirror | None:
-    """The FloorMirror, where all evidence says so. below: (N,) bool of the splats. deep: (M, 3), some of their places,
-    frame of the scene."""
-    if not room.above.any() or not room.images(deep):
+def _proven(splats: Splats, points: Points, below: Indices, deep: Indices, room: MirroredRoom) -> FloorMirror | None:
+    """The FloorMirror, where all evidence says so. points: (N, 3) of the splats, frame of the scene. below, deep: rows
+    that are not the floor's own, and some whose mirrored places say something."""
+    if not room.above.any() or not room.images(points[deep]):
         return None
-    seen = room.seen_through(splats, below)
+    beneath = np.zeros(len(splats), bool)
+    beneath[below] = True
+    seen = room.seen_through(splats, beneath)
     if seen.share < LEAST_THROUGH:
         return None
     agreement = room.agreement(seen)
@@ -150,7 +155,9 @@ def _proven(splats: Splats, below: Mask, deep: Points, room: MirroredRoom) -> Fl
     own, reflectance = room.parts(seen)
     if not WEAKEST < reflectance < STRONGEST:
         return None
-    return FloorMirror(room.normal, room.offset, BENEATH * room.size, own, reflectance, agreement, turned, seen.share)
+    rows = below[room.shown_by_floor(points[below])]
+    margin = BENEATH * room.size
+    return FloorMirror(rows, room.normal, room.offset, margin, own, reflectance, agreement, turned, seen.share)
 
 
 def _some(rows: Indices, seed: int) -> Indices:
@@ -158,13 +165,16 @@ def _some(rows: Indices, seed: int) -> Indices:
     return rows if len(rows) <= PLACES else np.sort(np.random.default_rng(seed).choice(rows, PLACES, replace=False))
 
 
-def _restored(arrays: Mapping[str, NDArray[Any]]) -> list[FloorMirror | None]:
-    """The answer that was kept. Raises KeyError or ValueError for what is none."""
+def _restored(count: int, arrays: Mapping[str, NDArray[Any]]) -> list[FloorMirror | None]:
+    """The answer that was kept, for so many splats. Raises KeyError or ValueError for what is none."""
     if not set(FloorMirror._fields) & set(arrays):
         return [None]
+    rows = arrays["rows"]
+    if rows.dtype != np.int64 or rows.ndim != 1 or rows.min(initial=0) < 0 or rows.max(initial=-1) >= count:
+        raise ValueError("kept reflections are of other splats")
     normal, own = (arrays[name].reshape(3).astype(np.float64) for name in ("normal", "own"))
-    figures = {name: float(arrays[name]) for name in FloorMirror._fields if name not in ("normal", "own")}
-    mirror = FloorMirror(normal=normal, own=own, **figures)
+    figures = {name: float(arrays[name]) for name in FloorMirror._fields if name not in ("rows", "normal", "own")}
+    mirror = FloorMirror(rows=rows, normal=normal, own=own, **figures)
     if not np.isfinite([*normal, *own, *figures.values()]).all() or min(normal[1], mirror.margin) <= 0.0:
         raise ValueError("kept floor is not finite")
     return [mirror]

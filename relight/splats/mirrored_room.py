@@ -31,6 +31,9 @@ they look."""
 NEAR = 0.02
 """Near plane of these, in sizes."""
 
+FREE = 0.999
+"""Part of a line of sight that nothing may block."""
+
 THROUGH = 0.3
 """Opacity that Gaussians beneath add to a pixel that sees through the floor."""
 
@@ -126,6 +129,21 @@ class MirroredRoom:
         dim, lit = shown[bright <= least].mean(axis=0), shown[bright >= most].mean(axis=0)
         reflectance = float(luminance(lit - dim) / max(float(luminance(high - low)), 1e-9))
         return np.maximum(dim - reflectance * low, 0.0).astype(np.float64), reflectance
+
+    def shown_by_floor(self, points: Points) -> Mask:
+        """Which of points (N, 3) below the eyes see through the plane in the room: (N,) bool. Where free lines of sight
+        meet the plane something is above. What is outdoors and below a window's sill has lines that meet it outdoors:
+        more eyes decide."""
+        votes = np.zeros(len(points), np.int64)
+        depth = self.offset - points @ self.normal
+        for eye in self._eyes:
+            high = eye @ self.normal - self.offset
+            way = (high / np.maximum(high + depth, 1e-12))[:, None] * (points - eye)
+            starts = np.broadcast_to(eye, way.shape)
+            free = ~self._caster.occluded(np.hstack([starts, way]).astype(np.float32), FREE)
+            up = np.hstack([starts + way, np.broadcast_to(self.normal, way.shape)]).astype(np.float32)
+            votes += np.where(free, np.where(self._caster.occluded(up), 1, -1), 0)
+        return votes > 0
 
     def _met(self, places: Points, rays: Directions) -> tuple[Mask, Points]:
         """Which mirrored rays meet something above, (P,) bool, and its radiance (R, 3), linear."""

@@ -61,7 +61,7 @@ def shown_as_sky(
     indoors = appearance.room is not None or appearance.kept
     if not indoors and len(rows):
         rows = sky_rows(splats, rows, scene.scene_from_splat, scene.vertices)
-    return rows if mirror is None else mirror.spared(rows, splats, scene)
+    return rows if mirror is None else mirror.spared(rows)
 
 
 def sky_rows(
