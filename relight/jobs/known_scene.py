@@ -65,7 +65,8 @@ class KnownScene(Inputs):
             raise InputError(f"{self.name}: this scene has no splats")
         with self.stages.stage("bind splats"):
             seed = self.request.lighting.seed
-            return Binding(self.splats[0], self.scene, seed=seed, cache=self.cache, mirror=self.mirror)
+            binding = Binding(self.splats[0], self.scene, seed=seed, cache=self.cache)
+            return binding.mirroring(self.mirror, self.scene)
 
     @cached_property
     def mirror(self) -> "FloorMirror | None":

@@ -54,8 +54,6 @@ class Binding:
         advance: Callable[[int], None] = lambda count: None,  # called with the number of finished views
         cache: Cache | None = None,  # Cache of the scene, where what takes long is kept unless views are given
         diagonal: float | None = None,  # of `Surface`, where the scene is a part of another
-        mirror: FloorMirror
-        | None = None,  # FloorMirror of the scene, whose reflections take the light of what it mirrors
     ) -> None:
         """Bind them. Warns with a DataWarning of Gaussians that cannot be lit."""
         self._splats, self.lit = splats, sound(splats)
@@ -70,6 +68,7 @@ class Binding:
         self.surface = Surface(scene, diagonal)
         self.shown = splats if not unlit else splats.take(self.lit)
         self._near = 0.005 * self.surface.diagonal
+        self._mirrored: MirroredPlaces | None = None
         volume = scene.foliage
         self._volume = self.surface.of_vertices(volume[:, None])[:, 0]
         if cache is None or views is not None:
@@ -79,9 +78,6 @@ class Binding:
             if cache.restored(self._restore, "binding", *key) is None:
                 self._bind(scene, None, seed, advance)
                 cache.put("binding", *key, **self._arrays())
-        self._mirrored: MirroredPlaces | None = None
-        if mirror is not None:
-            self._reflect(mirror, scene)
 
     def _bind(self, scene: Scene, views: Sequence[View] | None, seed: int, advance: Callable[[int], None]) -> None:
         self.places = Places(self.surface, self.shown)
@@ -90,19 +86,22 @@ class Binding:
         self._looks = Looks.at(sketch, self.surface, views, self._near, advance) if len(views) else None
         self._wide = Neighborhoods(self.surface.points, self._volume, self._asked())
 
-    def _reflect(self, mirror: FloorMirror, scene: Scene) -> None:
-        """Give the reflections of a floor the light of what it mirrors. The fit leaves out the pixels that show them:
-        the mesh has another light there."""
+    def mirroring(self, mirror: FloorMirror | None, scene: Scene) -> "Binding":
+        """Itself, after giving the reflections of a floor of the Scene the light of what it mirrors. The fit leaves out
+        the pixels that show them: the mesh has another light there."""
+        if mirror is None:
+            return self
         rows = np.cumsum(self.lit)[mirror.rows] - 1
         self._mirrored = MirroredPlaces(mirror, self.surface, scene, self.shown, rows)
         self._taken = self._taken | self._mirrored.reached(len(self.surface.points))
         if self._looks is None:
-            return
+            return self
         below = np.zeros((len(self.shown), 3), np.float32)
         below[rows] = 1.0
         looks = self._looks
         clear = looks.blending.drawn(below[self._drawn])[looks.known, 0] < LEAST_SHARE
         self._looks = looks._replace(known=looks.known[clear], corners=looks.corners[clear], uv=looks.uv[clear])
+        return self
 
     def _restore(self, kept: Mapping[str, NDArray[Any]]) -> "Binding":
         """Take over what was kept. Raises InputError or KeyError for what does not fit."""

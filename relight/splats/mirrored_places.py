@@ -45,9 +45,9 @@ class MirroredPlaces:
         height = surface.points.astype(np.float64) @ normal - offset
         corners = height[surface.faces]
         self.rows = rows
-        self._above = _Part(surface, (corners > -margin).all(axis=1))
+        self._above = _SurfacePart(surface, (corners > -margin).all(axis=1))
         level = surface.normals[surface.faces].mean(axis=1) @ normal > LEVEL
-        self._floor = _Part(surface, level & (np.abs(corners) < margin).all(axis=1))
+        self._floor = _SurfacePart(surface, level & (np.abs(corners) < margin).all(axis=1))
         some, back = splats.take(rows), np.linalg.inv(matrix)
         means = some.means.astype(np.float64)
         depth = offset - means @ normal
@@ -78,7 +78,7 @@ class MirroredPlaces:
         return found
 
 
-class _Part:
+class _SurfacePart:
     """Some faces of a Surface. surface: Surface of them alone. nodes: (m,) which of the whole its nodes are."""
 
     def __init__(self, whole: Surface, faces: Mask) -> None:

@@ -177,7 +177,7 @@ def test_the_answer_is_kept(mirrored, tmp_path, monkeypatch):
 
 def relit(scene, splats, mirror, change):
     before = np.ones((len(scene.vertices), 3), np.float32)
-    binding = Binding(splats, scene, views=(), mirror=mirror)
+    binding = Binding(splats, scene, views=()).mirroring(mirror, scene)
     after = binding.relit(before, before * change(scene.vertices)[:, None])
     return after, binding
 
@@ -218,7 +218,7 @@ def test_what_stands_above_keeps_every_bit_and_so_does_all_without_a_change(mirr
 
 def test_the_fit_leaves_out_pixels_of_the_mirror_world(mirrored):
     scene, splats, found = mirrored
-    looks = Binding(splats, scene, mirror=found).looks
+    looks = Binding(splats, scene).mirroring(found, scene).looks
     plain_looks = Binding(splats, scene).looks
     assert 0 < len(looks.known) < len(plain_looks.known)
     assert np.isin(looks.known, plain_looks.known).all()
