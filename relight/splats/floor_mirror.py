@@ -36,6 +36,9 @@ places say something: those of shallower ones always lie near the floor."""
 LEVELS = 3
 """Level surfaces that are asked. A well captured mirror world has a level one too, the image of the ceiling."""
 
+LEAST_EYES = 1.0 / 3.0
+"""Least part of the eyes above a floor: half of those that were found can stand in a well captured mirror world."""
+
 SOLID = 0.1
 """Opacity from which a Gaussian counts as something."""
 
@@ -181,13 +184,13 @@ def _restored(count: int, arrays: Mapping[str, NDArray[Any]]) -> list[FloorMirro
 
 
 def _levels(scene: Scene, eyes: Points, size: float) -> list[tuple[NDArray[np.float64], float]]:
-    """Normal and offset of the planes of the largest level surfaces above which most eyes are, the largest first."""
+    """Normal and offset of the planes of the largest level surfaces that lie below enough eyes, the largest first."""
     corners = scene.vertices.astype(np.float64)[scene.faces]
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area, centers = 0.5 * np.linalg.norm(across, axis=1), corners.mean(axis=1)
     level = across[:, 1] > LEVEL * 2.0 * area
     level &= np.linalg.norm((centers - np.median(eyes, axis=0))[:, [0, 2]], axis=1) < REACH * size
-    level &= centers[:, 1] < np.median(eyes[:, 1])
+    level &= centers[:, 1] < np.quantile(eyes[:, 1], 1.0 - LEAST_EYES)
     area, centers = area[level], centers[level]
     bins = np.floor(centers[:, 1] / (BIN * size)).astype(np.int64)
     bins -= bins.min(initial=0)
@@ -206,6 +209,6 @@ def _levels(scene: Scene, eyes: Points, size: float) -> list[tuple[NDArray[np.fl
         height, east, south = np.linalg.lstsq(basis * weight[:, None], centers[rows, 1] * weight, rcond=None)[0]
         normal = np.array([-east, 1.0, -south])
         scale = float(np.linalg.norm(normal))
-        if (eyes @ normal > float(height) + BENEATH * size).mean() > 0.5:
+        if (eyes @ normal > float(height) + BENEATH * size).mean() >= LEAST_EYES:
             found.append((normal / scale, float(height) / scale))
     return found
