@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from relight.api import RelightPlan
 from relight.splats import Binding, shown_as_sky
 from relight.splats.floor_mirror import FloorMirror, floor_mirror
 from relight.transfer.store import Cache
@@ -145,6 +146,20 @@ def test_it_is_all_that_lies_below(mirrored):
     below = np.flatnonzero(splats.means[:, 1] < -found.margin)
     assert np.isin(found.rows, below).all() and len(found.rows) > 0.95 * len(below)
     assert found.as_dict()["splats"] == len(found.rows)
+
+
+def test_a_plan_says_how_many_splats_it_is(mirrored):
+    entry = mirrored[2].as_dict()
+    line = f"mirrored floor: {entry['splats']:,} splats take the light of what it mirrors"
+    assert line in RelightPlan(None, "", mirrored_floor=entry).table()
+    assert not any("mirrored" in each for each in RelightPlan(None, "").table())
+
+
+def test_standpoints_found_in_the_mirror_world_do_not_hide_it(mirrored):
+    scene, splats, _ = mirrored
+    below = [[x, -y, z] for x, y, z in EYES]
+    both = Scene(scene.chunks, capture={"from": "inside", "eyes": EYES + below})
+    assert floor_mirror(splats, both) is not None
 
 
 @pytest.mark.parametrize("below", [None, shuffled, cellar, scatter, layer])
