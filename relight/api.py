@@ -223,7 +223,7 @@ class RelightPlan(NamedTuple):
     open, or "". lamps, lamp_bounces: LampPlan and BouncePlan of the added lamps, or None. lamp_count: how many.
     lamps_picture: (H, W, 3) uint8, the captured lamps of a closed room with their numbers; None without any. gloss: the
     GlossPlan of the scene; None where nothing is glossy, or before gloss was measured. inserts: the InsertPlan of added
-    objects, or None.
+    objects, or None. mirrored_floor: entry of the report for a floor that mirrors in the splats, or None.
     north_picture: (H, W, 3) uint8, an arrow that points north, for the sun of a date; None for other lights.
     """
 
@@ -236,12 +236,15 @@ class RelightPlan(NamedTuple):
     inserts: "InsertPlan | None" = None
     north_picture: NDArray[np.uint8] | None = None
     lamp_bounces: "BouncePlan | None" = None
+    mirrored_floor: dict[str, Any] | None = None
 
     def table(self) -> list[str]:
         """Return it as lines of text."""
         lines = [] if self.plan is None else self.plan.table()
         lines += [f"  {self.note}"] * bool(self.note) if lines else [self.note] * bool(self.note)
         lines += [] if self.gloss is None else self.gloss.table()
+        if self.mirrored_floor is not None:
+            lines.append(f"mirrored floor: {self.mirrored_floor['splats']:,} splats take the light of what it mirrors")
         lines += [] if self.inserts is None else self.inserts.table()
         lines += [] if self.lamps is None else self.lamps.table(self.lamp_count)
         return lines + ([] if self.lamp_bounces is None else self.lamp_bounces.table())
@@ -268,7 +271,8 @@ def plan_relight(request: RelightRequest, stages: Stages | None = None) -> Relig
     inserts = job.insert_plan
     if job.keeps_captured:
         note = "" if lamps or inserts else "the captured light needs no rays, and there is nothing to plan"
-        return RelightPlan(None, note, lamps, count, picture, inserts=inserts, lamp_bounces=bounces)
+        mirrored = job.mirrored_floor
+        return RelightPlan(None, note, lamps, count, picture, None, inserts, None, bounces, mirrored)
     pointing = None
     if isinstance(request.env, DaylightRequest):
         from .output.north_picture import north_picture
@@ -281,7 +285,7 @@ def plan_relight(request: RelightRequest, stages: Stages | None = None) -> Relig
     if plan is None and lamps is None and inserts is None:
         raise InputError(f"`method` {job.options.method} has nothing to plan; leave it at auto")
     gloss = None if note or job.gloss is None or not job.gloss.known else job.gloss.plan(job.appearance)
-    return RelightPlan(plan, note, lamps, count, picture, gloss, inserts, pointing, bounces)
+    return RelightPlan(plan, note, lamps, count, picture, gloss, inserts, pointing, bounces, job.mirrored_floor)
 
 
 def view_request(

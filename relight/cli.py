@@ -177,6 +177,7 @@ def _planned(request: RelightRequest, stages: Stages) -> tuple[list[str], Any]:
             lines.append(f"{path}: {what}")
     plan, lamps = report.plan and report.plan.as_dict(), report.lamps and report.lamps.as_dict()
     more = {"gloss": report.gloss and report.gloss.as_dict(), "inserts": report.inserts and report.inserts.as_dict()}
+    more["mirrored_floor"] = report.mirrored_floor
     return lines, {"plan": plan, "note": report.note, "lamps": lamps, **more}
 
 

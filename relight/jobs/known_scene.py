@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from ..insert.asked import AskedInsert
     from ..insert.objects import InsertedObject
     from ..splats import Binding
+    from ..splats.floor_mirror import FloorMirror
     from .extra_light import ExtraLight
 
 
@@ -63,7 +64,26 @@ class KnownScene(Inputs):
         if self.splats is None:
             raise InputError(f"{self.name}: this scene has no splats")
         with self.stages.stage("bind splats"):
-            return Binding(self.splats[0], self.scene, seed=self.request.lighting.seed, cache=self.cache)
+            seed = self.request.lighting.seed
+            binding = Binding(self.splats[0], self.scene, seed=seed, cache=self.cache)
+            return binding.mirroring(self.mirror, self.scene)
+
+    @cached_property
+    def mirror(self) -> "FloorMirror | None":
+        """The floor of a place that mirrors it in Gaussians; None without splats or where nothing shows one."""
+        from ..splats.floor_mirror import floor_mirror
+
+        if self.splats is None:
+            return None
+        with self.stages.stage("bind splats"):
+            return floor_mirror(self.splats[0], self.scene, self.request.lighting.seed, self.cache)
+
+    @property
+    def mirrored_floor(self) -> dict[str, Any] | None:
+        """The entry of the report for a floor that mirrors in the splats, JSON-clean; None without one."""
+        if not self.shows_splats or self.splats is None or self.mirror is None:
+            return None
+        return self.mirror.as_dict()
 
     @cached_property
     def gloss(self) -> "SceneGloss | None":

@@ -18,6 +18,7 @@ from ..viewer.request import SessionRequest
 from .job import Job
 
 if TYPE_CHECKING:
+    from splat2mesh.base.arrays import Indices
     from splat2mesh.render.raycaster import Hits
     from splat2mesh.splats.splats import Splats
 
@@ -187,5 +188,9 @@ def _splats(job: Job, chosen: str, mixture: "SessionMixture | None") -> "SplatSo
         looks["captured"] = SplatLook(
             np.ones_like(look.captured), lambda radiance, _: np.asarray(radiance / least, np.float32)
         )
+
+    def sky() -> "Indices":
+        return shown_as_sky(splats[0], job.scene, look, job.mirror)
+
     level = job.brightness if look.kept and mixture is None else None
-    return SplatSource(splats[0], binding, looks, lambda: shown_as_sky(splats[0], job.scene, look), level)
+    return SplatSource(splats[0], binding, looks, sky, level)

@@ -165,7 +165,15 @@ class Writer:
         seed, formats = asked.lighting.seed, job.formats
         splats = job.splats if job.shows_splats else None
         written = WrittenScene(
-            relighter, look, splats, lambda: job.binding, asked.sky, seed, job.lamps_shown, job.gloss
+            relighter,
+            look,
+            splats,
+            lambda: job.binding,
+            asked.sky,
+            seed,
+            job.lamps_shown,
+            job.gloss,
+            lambda: job.mirror,
         )
         live = engines = None
         if splats is not None and {"live", "web"} & set(formats):
@@ -223,6 +231,7 @@ def report_of(job: Job, shaded: Shaded) -> dict[str, Any]:
         "albedo": job.choice_name,
         "capture": job.appearance.capture,
         "gloss": None if job.gloss is None else job.gloss.as_dict(job.appearance),
+        "mirrored_floor": job.mirrored_floor,
         "method": settings.method,
         "bands": settings.bands,
         "rays": settings.rays,

@@ -31,6 +31,8 @@ class RelitSource:
         self._splats, self._paths = written.splats or (None, [])
         self._scene, self._stages, self._sky = written.relighter.scene, written.relighter.stages, written.sky
         self._sky_rows: Any = None
+        self._far: Any = None
+        self._mirror = written.mirror
 
     def relit(self, shaded: "Shaded") -> Splats:
         """The splats in the new light, row by row those of the source, in its frame."""
@@ -39,7 +41,9 @@ class RelitSource:
 
         assert self._splats is not None  # not called otherwise
         if self._sky_rows is None:
-            self._sky_rows = shown_as_sky(self._splats, self._scene, self._appearance)
+            mirror, self._far = self._mirror(), self._scene.background_splats
+            self._far = self._far if mirror is None else mirror.spared(self._far)
+            self._sky_rows = shown_as_sky(self._splats, self._scene, self._appearance, mirror)
         light, shading, exposure, backdrop = shaded[:4]
         inserted = shaded.inserted
         rows, frame = self._sky_rows, self._scene.scene_from_splat
@@ -62,7 +66,7 @@ class RelitSource:
             relit = shadowed(inserted, relit)
         with self._stages.stage("relight splats"):
             if isinstance(light, CapturedLight) and self._sky == "new":  # no lamp reaches that far
-                return dimmed(relit, self._splats, self._scene.background_splats, exposure * backdrop)
+                return dimmed(relit, self._splats, self._far, exposure * backdrop)
             return under_sky(relit, rows, light, frame, exposure * backdrop, self._sky)
 
     def without_objects(self, shaded: "Shaded") -> Splats:

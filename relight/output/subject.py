@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from ..engine.relighter import Relighter
     from ..gloss import SceneGloss
     from ..light.environment import Environment
+    from ..splats.floor_mirror import FloorMirror
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,7 +24,8 @@ class WrittenScene:
     splats: (Splats, paths of their files), None where no result needs them. binding: returns the Binding of the splats;
     called where splats are. sky: of `splats.SKIES`, for the far background of splats; "keep" keeps that of an albedo
     splat as captured, else it is hidden. seed: of all that is sampled. lamps: function of a light and its exposure:
-    what was added to it. gloss: None where gloss stays as captured.
+    what was added to it. gloss: None where gloss stays as captured. mirror: returns the FloorMirror of the splats, or
+    None.
     """
 
     relighter: "Relighter"
@@ -34,3 +36,4 @@ class WrittenScene:
     seed: int = 0
     lamps: Callable[["Environment", float], PlacedLamps] = lambda light, exposure: NO_LAMPS
     gloss: "SceneGloss | None" = None
+    mirror: Callable[[], "FloorMirror | None"] = lambda: None

@@ -18,8 +18,10 @@ from splat2mesh.splats.splats import INVISIBLE_OPACITY, MIN_SPLATS, Splats
 
 from ..transfer.store import Cache, array_key
 from .attachment import Places, Surface
+from .floor_mirror import FloorMirror
 from .light_ratio import CURVE_POWER, LEAST, Usual, log_gain, relit_sh, without_clipping
 from .looks import Looks
+from .mirrored_places import LEAST_SHARE, MirroredPlaces
 from .wide import Neighborhoods
 
 VIEWS, PIXELS = 32, 256
@@ -66,15 +68,16 @@ class Binding:
         self.surface = Surface(scene, diagonal)
         self.shown = splats if not unlit else splats.take(self.lit)
         self._near = 0.005 * self.surface.diagonal
+        self._mirrored: MirroredPlaces | None = None
         volume = scene.foliage
         self._volume = self.surface.of_vertices(volume[:, None])[:, 0]
         if cache is None or views is not None:
             self._bind(scene, views, seed, advance)
-            return
-        key = _key(self.shown, scene, volume), seed
-        if cache.restored(self._restore, "binding", *key) is None:
-            self._bind(scene, None, seed, advance)
-            cache.put("binding", *key, **self._arrays())
+        else:
+            key = _key(self.shown, scene, volume), seed
+            if cache.restored(self._restore, "binding", *key) is None:
+                self._bind(scene, None, seed, advance)
+                cache.put("binding", *key, **self._arrays())
 
     def _bind(self, scene: Scene, views: Sequence[View] | None, seed: int, advance: Callable[[int], None]) -> None:
         self.places = Places(self.surface, self.shown)
@@ -82,6 +85,23 @@ class Binding:
         views = self._chosen(sketch, scene, seed) if views is None else views
         self._looks = Looks.at(sketch, self.surface, views, self._near, advance) if len(views) else None
         self._wide = Neighborhoods(self.surface.points, self._volume, self._asked())
+
+    def mirroring(self, mirror: FloorMirror | None, scene: Scene) -> "Binding":
+        """Itself, after giving the reflections of a floor of the Scene the light of what it mirrors. The fit leaves out
+        the pixels that show them: the mesh has another light there."""
+        if mirror is None:
+            return self
+        rows = np.cumsum(self.lit)[mirror.rows] - 1
+        self._mirrored = MirroredPlaces(mirror, self.surface, scene, self.shown, rows)
+        self._taken = self._taken | self._mirrored.reached(len(self.surface.points))
+        if self._looks is None:
+            return self
+        below = np.zeros((len(self.shown), 3), np.float32)
+        below[rows] = 1.0
+        looks = self._looks
+        clear = looks.blending.drawn(below[self._drawn])[looks.known, 0] < LEAST_SHARE
+        self._looks = looks._replace(known=looks.known[clear], corners=looks.corners[clear], uv=looks.uv[clear])
+        return self
 
     def _restore(self, kept: Mapping[str, NDArray[Any]]) -> "Binding":
         """Take over what was kept. Raises InputError or KeyError for what does not fit."""
@@ -160,6 +180,9 @@ class Binding:
             raise InputError(f"the exposure must be a positive number, found {exposure}")
         of_nodes, mean = self._log_gains(before, after, exposure, usual)
         logs = self.places.interpolate(of_nodes)
+        if self._mirrored is not None:
+            rows = self._mirrored.rows
+            logs[rows] = self._mirrored.log_gains(of_nodes, logs[rows])
         s = self._splats
         sh = relit_sh(self.shown.sh, logs, mean)
         if self._looks is not None and rounds:

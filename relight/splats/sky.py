@@ -25,6 +25,7 @@ from .light_ratio import CURVE_POWER, LEAST, MOST, relit_sh
 if TYPE_CHECKING:
     from ..engine.appearance import Appearance
     from ..light.environment import Environment
+    from .floor_mirror import FloorMirror
 
 BELOW, HIGH = np.sin(np.radians((-3.0, 8.0)))
 """Sine of the elevation below which nothing is sky, and above which far splats show mostly sky: its brightness is read
@@ -50,12 +51,17 @@ VOTES = 9
 """Neighbours, itself among them, whose majority a far splat follows."""
 
 
-def shown_as_sky(splats: Splats, scene: Scene, appearance: "Appearance") -> Indices:
+def shown_as_sky(
+    splats: Splats, scene: Scene, appearance: "Appearance", mirror: "FloorMirror | None" = None
+) -> Indices:
     """Rows (M,) of these Splats of a Scene that show the sky: of the far background, and of what hangs in the air
-    before it. In the windows of a closed room, and where all stays as captured, all of the background."""
+    before it. In the windows of a closed room, and where all stays as captured, all of the background. What lies below
+    a floor that mirrors shows the room."""
     rows = scene.background_splats
     indoors = appearance.room is not None or appearance.kept
-    return rows if indoors or not len(rows) else sky_rows(splats, rows, scene.scene_from_splat, scene.vertices)
+    if not indoors and len(rows):
+        rows = sky_rows(splats, rows, scene.scene_from_splat, scene.vertices)
+    return rows if mirror is None else mirror.spared(rows)
 
 
 def sky_rows(

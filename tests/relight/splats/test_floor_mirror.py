@@ -1,0 +1,260 @@
+"""A polished floor: its mirror world is found and lit by what it mirrors; nothing else is taken for one."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from relight.api import RelightPlan
+from relight.splats import Binding, shown_as_sky
+from relight.splats.floor_mirror import FloorMirror, floor_mirror
+from relight.transfer.store import Cache
+from splat2mesh.scene.color import linear_from_srgb, srgb_from_linear
+from splat2mesh.scene.mesh import Mesh
+from splat2mesh.scene.scene import Scene
+from splat2mesh.splats.splats import SH_C0, Splats
+
+HIGH, WIDE, DEEP = 2.6, 5.0, 4.0
+OWN, DIM = np.array([0.02, 0.05, 0.01]), 0.3
+EYES = [[x, y, z] for x in (-1.5, 0.2, 1.4) for y in (1.0, 1.5) for z in (-1.2, 0.9)]
+
+
+def grid(origin, along, across, color, step=0.1):
+    """Points, normals and linear colours of a rectangle; its normal is along x across, its colour of the points."""
+    counts = [max(int(np.linalg.norm(each) / step), 1) + 1 for each in (along, across)]
+    u, v = np.meshgrid(*(np.linspace(0.0, 1.0, count) for count in counts), indexing="ij")
+    points = np.asarray(origin) + u[..., None] * np.asarray(along) + v[..., None] * np.asarray(across)
+    normal = np.cross(along, across)
+    number = np.arange(u.size).reshape(counts)
+    a, b, c, d = (each.ravel() for each in (number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]))
+    faces = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+    points = points.reshape(-1, 3)
+    normals = np.broadcast_to(normal / np.linalg.norm(normal), points.shape)
+    return points, normals, color(points), faces
+
+
+def plain(*color):
+    return lambda points: np.broadcast_to(np.asarray(color, float), points.shape)
+
+
+def lamps(points):
+    """A dark ceiling with bright lamps in one half."""
+    bright = (points[:, 0] > 0.0) & (np.sin(7.0 * points[:, 0]) > 0.5) & (np.sin(9.0 * points[:, 2]) > 0.0)
+    return np.where(bright[:, None], 0.9, 0.15) * np.ones(3)
+
+
+def walls():
+    """The rectangles of a room that stand above its floor: each wall of its own colour, a ceiling, and a box."""
+    x, z = WIDE / 2, DEEP / 2
+    yield grid((-x, 0, -z), (0, 0, DEEP), (0, HIGH, 0), plain(0.1, 0.1, 0.1))
+    yield grid((x, 0, z), (0, 0, -DEEP), (0, HIGH, 0), plain(0.7, 0.6, 0.5))
+    yield grid((x, 0, -z), (-WIDE, 0, 0), (0, HIGH, 0), plain(0.3, 0.3, 0.45))
+    yield grid((-x, 0, z), (WIDE, 0, 0), (0, HIGH, 0), plain(0.5, 0.15, 0.1))
+    yield grid((-x, HIGH, -z), (WIDE, 0, 0), (0, 0, DEEP), lamps)
+    yield grid((-1.0, 0.0, 0.2), (0.8, 0, 0), (0, 0.9, 0), plain(0.8, 0.8, 0.2))
+
+
+def floor(polished):
+    """The floor, or its part that is not polished."""
+    start = 1.0 if polished else -WIDE / 2
+    color = plain(0.2, 0.2, 0.2)
+    return grid((start, 0, DEEP / 2), (WIDE / 2 - start, 0, 0), (0, 0, -DEEP), color)
+
+
+def splats_of(points, normals, colors, size=0.06, opacity=0.99):
+    """Flat Gaussians on points: their second axis is the normal."""
+    count = len(points)
+    across = np.cross(normals, np.where(np.abs(normals[:, :1]) < 0.9, [[1.0, 0, 0]], [[0, 1.0, 0]]))
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    frames = np.stack([across, normals, np.cross(across, normals)], axis=2)
+    quats = np.roll(Rotation.from_matrix(frames).as_quat(), 1, axis=1)
+    sh = ((srgb_from_linear(np.clip(colors, 0, 1).astype(np.float32)) - 0.5) / SH_C0)[:, None]
+    scales = np.tile([size, 0.004, size], (count, 1))
+    return Splats(points, scales, quats, np.full(count, opacity), sh)
+
+
+def joined(*parts):
+    names = ("means", "scales", "quats_wxyz", "opacities", "sh")
+    return Splats(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+
+
+def scene_of(surfaces, capture=None):
+    start, meshes = 0, []
+    for points, normals, colors, faces in surfaces:
+        meshes.append((points, normals, colors, faces + start))
+        start += len(points)
+    points, normals, colors, faces = (np.concatenate([each[i] for each in meshes]) for i in range(4))
+    shown = np.rint(srgb_from_linear(colors.astype(np.float32)) * 255).astype(np.uint8)
+    mesh = Mesh(points.astype(np.float32), normals.astype(np.float32), faces.astype(np.int32), shown)
+    return Scene([mesh], capture={"from": "inside", "eyes": EYES} if capture is None else capture)
+
+
+def image(points, normals, colors):
+    """A mirror world: images of surfaces, as bright as a polished floor shows them."""
+    flip = np.array([1.0, -1.0, 1.0])
+    return splats_of(points * flip, normals * flip, OWN + DIM * colors, 0.08)
+
+
+def room(below=image, polished=True):
+    """The Scene of a room and its Splats, with what `below` makes of the surfaces beneath a polished floor."""
+    standing = list(walls())
+    surfaces = [*standing, floor(polished)]
+    parts = [splats_of(*each[:3]) for each in surfaces]
+    parts += [] if below is None else [below(*each[:3]) for each in standing]
+    return scene_of(surfaces), joined(*parts)
+
+
+@pytest.fixture(scope="module")
+def mirrored():
+    scene, splats = room()
+    return scene, splats, floor_mirror(splats, scene)
+
+
+def shuffled(points, normals, colors):
+    """Images at the right places in colours of other places."""
+    return image(points, normals, np.random.default_rng(0).permutation(colors) if np.ptp(colors) else 0.6 - colors)
+
+
+def cellar(points, normals, colors):
+    """Another room below, lower and as bright, of one colour."""
+    return splats_of(points * [0.8, -0.6, 0.8] - [0, 0.5, 0], normals * [1, -1, 1], 0.5 * np.ones_like(colors), 0.1)
+
+
+def scatter(points, normals, colors):
+    """Gaussians at random below the floor."""
+    chance = np.random.default_rng(len(points))
+    places = chance.uniform([-WIDE / 2, -2.5, -DEEP / 2], [WIDE / 2, -0.1, DEEP / 2], points.shape)
+    return splats_of(places, normals, chance.permutation(colors) * DIM, 0.08)
+
+
+def layer(points, normals, colors):
+    """A second floor below the first."""
+    places = points * [1, 0, 1] - [0, 0.4, 0]
+    return splats_of(places, np.tile([0.0, 1.0, 0.0], (len(points), 1)), 0.1 * np.ones_like(colors), 0.1)
+
+
+def test_a_mirror_world_is_found_with_its_floor_and_reflectance(mirrored):
+    found = mirrored[2]
+    assert found is not None
+    assert found.normal == pytest.approx([0, 1, 0], abs=1e-3) and found.offset == pytest.approx(0.0, abs=0.01)
+    assert found.reflectance == pytest.approx(DIM, rel=0.35)  # blur of Gaussians and vertices
+    assert found.own == pytest.approx(OWN, abs=0.03)
+    assert found.agreement > 0.7 > found.turned
+
+
+def test_it_is_all_that_lies_below(mirrored):
+    _, splats, found = mirrored
+    below = np.flatnonzero(splats.means[:, 1] < -found.margin)
+    assert np.isin(found.rows, below).all() and len(found.rows) > 0.95 * len(below)
+    assert found.as_dict()["splats"] == len(found.rows)
+
+
+def test_a_plan_says_how_many_splats_it_is(mirrored):
+    entry = mirrored[2].as_dict()
+    line = f"mirrored floor: {entry['splats']:,} splats take the light of what it mirrors"
+    assert line in RelightPlan(None, "", mirrored_floor=entry).table()
+    assert not any("mirrored" in each for each in RelightPlan(None, "").table())
+
+
+def test_standpoints_found_in_the_mirror_world_do_not_hide_it(mirrored):
+    scene, splats, _ = mirrored
+    below = [[x, -y, z] for x, y, z in EYES]
+    both = Scene(scene.chunks, capture={"from": "inside", "eyes": EYES + below})
+    assert floor_mirror(splats, both) is not None
+
+
+@pytest.mark.parametrize("below", [None, shuffled, cellar, scatter, layer])
+def test_other_things_below_a_floor_are_no_reflection(below):
+    scene, splats = room(below)
+    assert floor_mirror(splats, scene) is None
+
+
+def test_nothing_is_seen_through_a_floor_that_covers():
+    scene, splats = room(polished=False)
+    assert floor_mirror(splats, scene) is None
+
+
+def test_an_object_has_no_such_floor(mirrored):
+    scene, splats, _ = mirrored
+    assert floor_mirror(splats, Scene(scene.chunks)) is None
+    below = [[x, -y, z] for x, y, z in EYES]
+    assert floor_mirror(splats, Scene(scene.chunks, capture={"from": "inside", "eyes": below})) is None
+
+
+def test_the_answer_is_kept(mirrored, tmp_path, monkeypatch):
+    scene, splats, found = mirrored
+    cache = Cache(tmp_path, "room")
+    first = floor_mirror(splats, scene, cache=cache)
+    monkeypatch.setattr("relight.splats.floor_mirror._proven", None)
+    again = floor_mirror(splats, scene, cache=cache)
+    for one in (first, again):
+        assert all(np.array_equal(a, b) for a, b in zip(one, found, strict=True))
+
+
+def relit(scene, splats, mirror, change):
+    before = np.ones((len(scene.vertices), 3), np.float32)
+    binding = Binding(splats, scene, views=()).mirroring(mirror, scene)
+    after = binding.relit(before, before * change(scene.vertices)[:, None])
+    return after, binding
+
+
+def linear(splats, rows):
+    return linear_from_srgb(np.clip(0.5 + SH_C0 * splats.sh[rows, 0], 0.0, 1.0))
+
+
+def test_a_reflection_takes_the_light_of_what_it_mirrors(mirrored):
+    scene, splats, found = mirrored
+    found = found._replace(own=np.zeros(3))
+    after, _ = relit(scene, splats, found, lambda points: np.where(points[:, 0] > WIDE / 2 - 0.01, 0.25, 1.0))
+    right, middle = splats.means[:, 0] > WIDE / 2 - 0.01, np.abs(splats.means[:, 2]) < 1.5
+    wall = np.flatnonzero(right & middle & (splats.means[:, 1] < -0.3) & (splats.means[:, 1] > 0.3 - HIGH))
+    np.testing.assert_allclose(linear(after, wall), 0.25 * linear(splats, wall), rtol=0.05)
+    left = np.flatnonzero((splats.means[:, 0] < 0.01 - WIDE / 2) & (splats.means[:, 1] < -0.3))
+    np.testing.assert_allclose(linear(after, left), linear(splats, left), rtol=0.01)
+
+
+def test_the_part_of_the_floor_itself_follows_the_floor(mirrored):
+    scene, splats, found = mirrored
+    rows = np.flatnonzero((splats.means[:, 0] > 1.5) & (splats.means[:, 1] < -0.5))
+    own = np.minimum(found.own / linear(splats, rows), 1.0)
+    after, _ = relit(scene, splats, found, lambda points: np.where(points[:, 1] < 0.01, 0.5, 1.0))
+    np.testing.assert_allclose(linear(after, rows) / linear(splats, rows), 1.0 - 0.5 * own, atol=0.06)
+
+
+def test_what_stands_above_keeps_every_bit_and_so_does_all_without_a_change(mirrored):
+    scene, splats, found = mirrored
+    rows = np.flatnonzero(splats.means[:, 1] > -found.margin)
+    with_it, binding = relit(scene, splats, found, lambda points: 0.5 + points[:, 1])
+    without, plain_binding = relit(scene, splats, None, lambda points: 0.5 + points[:, 1])
+    np.testing.assert_array_equal(with_it.sh[rows], without.sh[rows])
+    assert (binding.used >= plain_binding.used).all()
+    same, _ = relit(scene, splats, found, lambda points: np.ones(len(points)))
+    np.testing.assert_array_equal(same.sh, splats.sh)
+
+
+def test_the_fit_leaves_out_pixels_of_the_mirror_world(mirrored):
+    scene, splats, found = mirrored
+    looks = Binding(splats, scene).mirroring(found, scene).looks
+    plain_looks = Binding(splats, scene).looks
+    assert 0 < len(looks.known) < len(plain_looks.known)
+    assert np.isin(looks.known, plain_looks.known).all()
+
+
+def test_far_background_below_the_floor_is_no_sky(mirrored):
+    scene, splats, found = mirrored
+    rows = np.array([0, len(splats) - 1])
+    place = Scene(scene.chunks, capture=scene.capture, background_splats=rows)
+    look = type("Look", (), {"room": None, "kept": True})
+    np.testing.assert_array_equal(shown_as_sky(splats, place, look), rows)
+    np.testing.assert_array_equal(shown_as_sky(splats, place, look, found._replace(rows=rows[1:])), rows[:1])
+
+
+def test_a_kept_answer_that_is_broken_counts_as_none(mirrored, tmp_path):
+    scene, splats, _ = mirrored
+    cache = Cache(tmp_path, "room")
+    assert floor_mirror(splats, scene, cache=cache) is not None
+    (path,) = tmp_path.glob("floor_mirror-*.npz")
+    with np.load(path) as kept:
+        broken = dict(kept) | {"offset": np.array(np.nan)}
+    np.savez(path, **broken)
+    again = floor_mirror(splats, scene, cache=cache)
+    assert isinstance(again, FloorMirror) and np.isfinite(again.offset)
