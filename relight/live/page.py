@@ -144,7 +144,7 @@ def _script() -> str:
     return (
         f"let relightCamera = null;\n{viewer}\n"
         f"{{\nconst Live = (() => {{\n{library_text}\nreturn {{ {', '.join(names)} }};\n}})();\n"
-        f"{_text('host.js')}\n{_text('floor.js')}\n{_text('panel.js')}\n{_text('movement.js')}\n{_text('page.js')}\n}}\n"
+        f"{_text('host.js')}\n{_text('recolour.js')}\n{_text('floor.js')}\n{_text('panel.js')}\n{_text('movement.js')}\n{_text('page.js')}\n}}\n"
     )
 
 

@@ -204,9 +204,10 @@ const modifierOf = (gloss) => !gloss ? MODIFIER : {
 
 const SKY_HEIGHT = 256;
 
-// Show a splat in the viewer. splat: its bytes, a compressed PLY. frame: scene_from_splat, 4 x 4. cameraFor: a function of
-// the window's aspect, where to begin and what the key F shows.
-async function host(container, splat, frame, cameraFor, options = {}) {
+// Show the splat of a bundle in the viewer. splat: its bytes, a compressed PLY. proxy: the mesh that casts shadows.
+// cameraFor: a function of the window's aspect, where to begin and what the key F shows.
+async function host(container, splat, bundle, proxy, cameraFor, options = {}) {
+  const { scene_from_splat: frame } = bundle.meta.frame;
   const name = "splat.compressed.ply", camera = cameraFor(innerWidth / innerHeight);
   const viewer = await createViewer({
     container, contentUrl: name, contentFilename: name, contents: Promise.resolve(new Response(splat)), exposeGlobals: true,
@@ -222,21 +223,24 @@ async function host(container, splat, frame, cameraFor, options = {}) {
   const { gsplat } = entity, { resource } = gsplat;
   resource.format.addExtraStreams([{ name: "live", format: PIXELFORMAT_RGBA16U }]);
   const stream = resource.getTexture("live");
-  const shine = options.gloss ? shineOf(app, gsplat, resource, options.gloss) : () => {};
+  const shine = bundle.gloss ? shineOf(app, gsplat, resource, bundle.gloss) : () => {}, recolour = recolouring(app, resource, stream, bundle, proxy);
+  // gains: of all splats, or what `recolouring` makes them of.
   const show = (gains, most, mirrored = null) => {
-    stream.lock().set(gains);
-    stream.unlock();
+    if (ArrayBuffer.isView(gains)) {
+      stream.lock().set(gains);
+      stream.unlock();
+    } else recolour.light(gains);
     gsplat.setParameter("uLiveMost", most);
     shine(mirrored);
     app.renderNextFrame = true;
   };
-  show(Live.plainGains(stream.width * stream.height), [1, 1, 1]);
-  gsplat.setWorkBufferModifier(modifierOf(options.gloss));
+  show({ view: "captured", light: {}, turn: 0, exposure: 1, suns: [], balance: [1, 1, 1] }, [1, 1, 1]);
+  gsplat.setWorkBufferModifier(modifierOf(bundle.gloss));
   await new Promise((resolve) => viewer.state.loaded ? resolve() : viewer.events.once("loaded:changed", resolve));
   if (viewer.state.cameraMode === "anim") viewer.state.cameraMode = "orbit"; // else a turn begins with the first key
-  const objects = options.objects ? await objectsIn(app, options.objects, frame) : { show() {}, move() {} };
-  const floor = options.ground ? floorIn(app, options.ground) : null;
-  return { viewer, app, entity, camera, show, objects, floor, sky: skyOf(app), canvas: app.graphicsDevice.canvas };
+  const objects = bundle.objects ? await objectsIn(app, bundle.objects, frame) : { show() {}, move() {} };
+  const floor = bundle.ground ? floorIn(app, bundle.ground) : null;
+  return { viewer, app, entity, camera, show, recolour, objects, floor, sky: skyOf(app), canvas: app.graphicsDevice.canvas };
 }
 
 // Inserted objects among the splats: show(factor) shows them so many times as bright, or hides them; move(number, pose,

@@ -13,9 +13,9 @@ async function start() {
   try {
     const files = await readFiles(data);
     await Live.checkSplat(files[data.splat], data.meta.splats.find(({ file }) => file === data.splat));
-    const bundle = Live.readBundle(data.meta, files, data.splat), { scene_from_splat: frame } = data.meta.frame;
+    const bundle = Live.readBundle(data.meta, files, data.splat);
     const proxy = Live.readProxy(files["proxy.glb"]), cameraFor = (aspect) => Live.framed(data.meta.camera, proxy.positions, aspect);
-    const stage = await host(document.body, files[data.splat], frame, cameraFor, { renderer: query.get("renderer") ?? "webgpu", ui: !query.has("noui"), gloss: bundle.gloss, objects: bundle.objects, ground: bundle.ground });
+    const stage = await host(document.body, files[data.splat], bundle, proxy, cameraFor, { renderer: query.get("renderer") ?? "webgpu", ui: !query.has("noui") });
     const lights = data.meta.lights.map((entry) => Live.lightOf(entry, files[entry.file]));
     window.relight = new Session(bundle, proxy, lights, stage, data, notify);
     window.relight.begin(query);
@@ -61,17 +61,12 @@ class Session {
     this.state.terms = bundle.terms.map(({ color }) => ({ on: true, ev: 0, color: Live.hexOf(color) }));
     this.state.captured = lights[0].captured ?? 0;
     this.usual = Object.fromEntries(Object.entries(this.state).map(([key, value]) => [key, typeof value === "boolean" ? value : rounded(value)]));
-    this.surface = Live.surfaceOf(bundle);
-    this.ratio = new Float32Array(bundle.count * 3);
-    this.base = new Float32Array(bundle.count * 3); // the same without suns and terms
-    this.gains = new Uint16Array(bundle.count * 4);
-    this.plain = Live.plainGains(bundle.count);
     this.most = [1, 1, 1];
     this.shadows = new Map();
     this.compare = comparison(stage.app, stage.canvas, (captured) => {
       stage.objects.show(captured ? 0 : this.objects());
       stage.floor?.show(!captured && this.standing());
-      return captured ? stage.show(this.plain, [1, 1, 1]) : stage.show(this.gains, this.most, this.mirrored);
+      return captured ? stage.show({ ...this.asked, view: "captured" }, [1, 1, 1]) : stage.show(this.shown, this.most, this.mirrored);
     });
     this.strip = Live.indicator(element("r-strip"));
     this.mirrored = null; // what is glossy mirrors, where it does
@@ -81,6 +76,7 @@ class Session {
 
   begin(query) {
     this.query = query.toString();
+    this.onCard = !query.has("processor"); // which lights the splats
     for (const key of ["turn", "exposure", "tint", "sun", "azimuth", "height", "lamps", "line"]) if (query.has(key)) this.state[key] = +query.get(key);
     for (const key of ["sky", "ground", "compare"]) if (query.has(key)) this.state[key] = query.get(key) !== "0";
     if (query.has("view")) this.state.view = query.get("view");
@@ -166,44 +162,70 @@ class Session {
   }
 
   draw() {
-    const { bundle, ratio, gains, stage, state } = this, light = this.lights[state.light], turn = state.turn * RADIANS;
-    const exposure = light.exposure * 2 ** state.exposure, lamps = this.lamps(light) * 2 ** state.exposure, balance = Live.balanceOf(state.tint), factors = this.factors(light, balance), began = performance.now();
-    if (state.view === "captured") gains.set(this.plain);
+    const { bundle, stage, state } = this, light = this.lights[state.light], turn = state.turn * RADIANS, began = performance.now();
+    const exposure = light.exposure * 2 ** state.exposure, lamps = this.lamps(light) * 2 ** state.exposure, balance = Live.balanceOf(state.tint), factors = this.factors(light, balance);
+    this.asked = { view: state.view, light, turn, exposure, lamps, balance, factors, suns: this.suns(), table: this.table(light, turn, exposure, lamps) };
+    this.counted = null;
+    this.shown = this.onCard && !this.objects() ? this.asked : this.gains;
+    this.mirrored = bundle.gloss && state.view === "relit" ? this.mirror(light, turn, exposure, lamps, factors, balance) : null;
+    this.most = state.view === "relit" ? Live.usualGain(bundle, light, turn, exposure, lamps, factors, balance) : [1, 1, 1];
+    if (this.standing()) this.putGround(light, turn, exposure);
+    this.milliseconds = performance.now() - began;
+    stage.sky(state.sky && state.view === "relit" && light.sky !== "captured" ? light.image : null, turn, exposure);
+    if (light.sky !== "captured") this.strip.draw(light, turn, exposure, this.asked.suns);
+    this.compare.set(state.compare, state.line);
+    this.remember();
+    element("relight-line").style.display = state.compare ? "block" : "none";
+    element("relight-line").style.left = `${100 * state.line}%`;
+    if (!state.compare) stage.show(this.shown, this.most, this.mirrored);
+    this.drawn = (this.drawn ?? 0) + 1;
+  }
+
+  // The table of a light: as it was, where only suns and terms differ.
+  table(light, turn, exposure, lamps) {
+    const { bundle, state } = this, sun = light.suns.length ? state.sun : 1, text = JSON.stringify([state.light, turn, exposure, sun, lamps]);
+    if (state.view === "relit" && text !== this.tabled) {
+      this.held = Live.lightTable(bundle, light, turn, exposure, sun, lamps);
+      this.tabled = text;
+    }
+    return this.held;
+  }
+
+  // The changes of all splats as shown, (N, 3), and their gains, (N, 4), by the processor: what the card does not hand back.
+  get ratio() {
+    return this.count().ratio;
+  }
+
+  get gains() {
+    return this.count().gains;
+  }
+
+  count() {
+    const { bundle, asked: { view, light, turn, exposure, balance, factors, suns, table } } = this;
+    if (this.counted) return this.counted;
+    const { ratio, base, gains } = this.arrays ??= { ratio: new Float32Array(bundle.count * 3), base: new Float32Array(bundle.count * 3), gains: new Uint16Array(bundle.count * 4) };
+    if (view === "captured") gains.set(Live.plainGains(bundle.count));
     else {
-      if (state.view === "albedo") {
+      if (view === "albedo") {
         Live.albedoChanges(bundle, this.surface, ratio);
         Live.balanced(ratio, balance);
       } else {
-        this.putBase(light, turn, exposure, lamps);
-        const suns = this.suns();
+        if (this.based !== table) Live.changes(bundle, this.based = table, base);
+        ratio.set(base);
         Live.addSuns(bundle, this.surface, suns, suns.map(({ direction }) => this.shadow(direction)), exposure, ratio);
         Live.balanced(ratio, balance);
         Live.addTerms(bundle, factors, ratio);
       }
       Live.gains(bundle, ratio, gains);
       if (this.objects()) this.putObjects(gains);
-      if (state.view === "relit") Live.showSky(bundle, light, turn, exposure, gains, factors[0]);
+      if (view === "relit") Live.showSky(bundle, light, turn, exposure, gains, factors[0]);
     }
-    this.mirrored = bundle.gloss && state.view === "relit" ? this.mirror(light, turn, exposure, lamps, factors, balance) : null;
-    this.most = state.view === "relit" ? Live.usualGain(bundle, light, turn, exposure, lamps, factors, balance) : [1, 1, 1];
-    if (this.standing()) this.putGround(light, turn, exposure);
-    this.milliseconds = performance.now() - began;
-    stage.sky(state.sky && state.view === "relit" && light.sky !== "captured" ? light.image : null, turn, exposure);
-    if (light.sky !== "captured") this.strip.draw(light, turn, exposure, this.suns());
-    this.compare.set(state.compare, state.line);
-    this.remember();
-    element("relight-line").style.display = state.compare ? "block" : "none";
-    element("relight-line").style.left = `${100 * state.line}%`;
-    if (!state.compare) stage.show(gains, this.most, this.mirrored);
-    this.drawn = (this.drawn ?? 0) + 1;
+    return this.counted = { ratio, gains };
   }
 
-  // The changes but for suns and terms: as they were, where only those differ.
-  putBase(light, turn, exposure, lamps) {
-    const { bundle, state } = this, sun = light.suns.length ? state.sun : 1, text = JSON.stringify([state.light, turn, exposure, sun, lamps]);
-    if (text !== this.based) Live.changes(bundle, Live.lightTable(bundle, light, turn, exposure, sun, lamps), this.base);
-    this.based = text;
-    this.ratio.set(this.base);
+  // What suns need of every splat, where the processor lights them.
+  get surface() {
+    return this.surfaces ??= Live.surfaceOf(this.bundle);
   }
 
   // What is mirrored in a light: the new one blurred for each roughness, and how much brighter the scene is that hides it.
@@ -245,9 +267,10 @@ class Session {
     const picture = bytes[0] === 0x76 ? await Live.readExr(bytes) : Live.readHdr(bytes); // the first byte of OpenEXR
     if (Math.abs(picture.width / picture.height - 2) > 0.02) throw new Error(`a picture of ${picture.width} x ${picture.height}: expected a lat-long light, twice as wide as high`);
     const light = Live.lightFrom(name, Live.reduced(picture));
-    Live.changes(this.bundle, Live.lightTable(this.bundle, light, 0, 1), this.ratio);
-    Live.addSuns(this.bundle, this.surface, light.suns, light.suns.map(({ direction }) => this.shadow(direction)), 1, this.ratio);
-    light.exposure = Live.exposureOf(this.bundle, light, this.ratio);
+    const ratio = new Float32Array(3 * this.bundle.count);
+    Live.changes(this.bundle, Live.lightTable(this.bundle, light, 0, 1), ratio);
+    Live.addSuns(this.bundle, this.surface, light.suns, light.suns.map(({ direction }) => this.shadow(direction)), 1, ratio);
+    light.exposure = Live.exposureOf(this.bundle, light, ratio);
     light.lamps = this.bundle.meta.lamps ?? 0;
     light.captured = this.state.captured;
     this.lights.push(light);
