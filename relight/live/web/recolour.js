@@ -340,7 +340,7 @@ function recolouring(app, resource, stream, bundle, proxy) {
   const leafy = leavesIn(bundle), parts = new Float32Array(4 * PARTS);
   let tabled = null, pictured = null, besideText = null, leaves = null;
   return {
-    read: () => stream.read(0, 0, width, height, { renderTarget: pass.renderTarget }),
+    read: () => stream.read(0, 0, width, height, { renderTarget: pass.renderTarget, immediate: true }),
     light({ view, light, turn, exposure, table, suns: shining, balance, factors }) {
       const captured = light.sky === "captured", lit = view === "relit", set = (at, ...values) => parts.set(values, 4 * at);
       set(0, ["captured", "albedo", "relit"].indexOf(view), lit ? shining.length : 0, turn, exposure);
