@@ -204,14 +204,14 @@ const modifierOf = (gloss) => !gloss ? MODIFIER : {
 
 const SKY_HEIGHT = 256;
 
-// Show the splat of a bundle in the viewer. splat: its bytes, a compressed PLY. proxy: the mesh that casts shadows.
-// cameraFor: a function of the window's aspect, where to begin and what the key F shows.
-async function host(container, splat, bundle, proxy, cameraFor, options = {}) {
-  const { scene_from_splat: frame } = bundle.meta.frame;
+// Show the splat of a bundle in the viewer. opened: a promise of {splat, bundle}, of which splat are the bytes of a compressed
+// PLY. frame: scene_from_splat, 4 x 4. cameraFor: a function of the window's aspect, where to begin and what the key F shows.
+// options.proxy: the mesh that casts shadows. begin(stage, opened): lights the splats before they are first shown.
+async function host(container, opened, frame, cameraFor, options, begin) {
   const name = "splat.compressed.ply", camera = cameraFor(innerWidth / innerHeight);
   const viewer = await createViewer({
-    container, contentUrl: name, contentFilename: name, contents: Promise.resolve(new Response(splat)), exposeGlobals: true,
-    settings: settingsFor(camera), renderer: options.renderer, ui: options.ui ?? true, noanim: true,
+    container, contentUrl: name, contentFilename: name, contents: opened.then(({ splat }) => new Response(splat)), exposeGlobals: true,
+    settings: settingsFor(camera), renderer: options.renderer, ui: options.ui, noanim: true,
   });
   relightCamera = () => {
     const { position, target, fov } = cameraFor(innerWidth / innerHeight);
@@ -219,11 +219,11 @@ async function host(container, splat, bundle, proxy, cameraFor, options = {}) {
   };
   const { app } = viewer;
   app.scene.gsplat.dataFormat = "large"; // the compact one has 11 bits in 0..4 for a colour
-  const entity = await arrival(app, frame);
-  const { gsplat } = entity, { resource } = gsplat;
+  const { bundle } = await opened, objects = bundle.objects ? await objectsIn(app, bundle.objects, frame) : { show() {}, move() {} };
+  const entity = await arrival(app, frame), { gsplat } = entity, { resource } = gsplat;
   resource.format.addExtraStreams([{ name: "live", format: PIXELFORMAT_RGBA16U }]);
   const stream = resource.getTexture("live");
-  const shine = bundle.gloss ? shineOf(app, gsplat, resource, bundle.gloss) : () => {}, recolour = recolouring(app, resource, stream, bundle, proxy);
+  const shine = bundle.gloss ? shineOf(app, gsplat, resource, bundle.gloss) : () => {}, recolour = recolouring(app, resource, stream, bundle, options.proxy);
   // gains: of all splats, or what `recolouring` makes them of.
   const show = (gains, most, mirrored = null) => {
     if (ArrayBuffer.isView(gains)) {
@@ -234,13 +234,11 @@ async function host(container, splat, bundle, proxy, cameraFor, options = {}) {
     shine(mirrored);
     app.renderNextFrame = true;
   };
-  show({ view: "captured", light: {}, turn: 0, exposure: 1, suns: [], balance: [1, 1, 1] }, [1, 1, 1]);
   gsplat.setWorkBufferModifier(modifierOf(bundle.gloss));
+  const floor = bundle.ground ? floorIn(app, bundle.ground) : null;
+  await begin({ viewer, app, entity, camera, show, recolour, objects, floor, sky: skyOf(app), canvas: app.graphicsDevice.canvas }, { bundle });
   await new Promise((resolve) => viewer.state.loaded ? resolve() : viewer.events.once("loaded:changed", resolve));
   if (viewer.state.cameraMode === "anim") viewer.state.cameraMode = "orbit"; // else a turn begins with the first key
-  const objects = bundle.objects ? await objectsIn(app, bundle.objects, frame) : { show() {}, move() {} };
-  const floor = bundle.ground ? floorIn(app, bundle.ground) : null;
-  return { viewer, app, entity, camera, show, recolour, objects, floor, sky: skyOf(app), canvas: app.graphicsDevice.canvas };
 }
 
 // Inserted objects among the splats: show(factor) shows them so many times as bright, or hides them; move(number, pose,
@@ -427,7 +425,7 @@ function comparison(app, canvas, draw) {
       line = at;
       above.style.display = on ? "block" : "none";
       if (!on) captured = false;
-      draw(captured);
+      else draw(captured);
     },
   };
 }

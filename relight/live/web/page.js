@@ -11,23 +11,31 @@ async function start() {
     if (localStorage.getItem("controlsPanelOpen") === null) localStorage.setItem("controlsPanelOpen", "false"); // the viewer's list of keys
   } catch { /* storage may be denied */ }
   try {
-    const files = await readFiles(data);
-    await Live.checkSplat(files[data.splat], data.meta.splats.find(({ file }) => file === data.splat));
-    const bundle = Live.readBundle(data.meta, files, data.splat);
-    const proxy = Live.readProxy(files["proxy.glb"]), cameraFor = (aspect) => Live.framed(data.meta.camera, proxy.positions, aspect);
-    const stage = await host(document.body, files[data.splat], bundle, proxy, cameraFor, { renderer: query.get("renderer") ?? "webgpu", ui: !query.has("noui") });
-    const lights = data.meta.lights.map((entry) => Live.lightOf(entry, files[entry.file]));
-    window.relight = new Session(bundle, proxy, lights, stage, data, notify);
-    window.relight.begin(query);
+    const files = readFiles(data), proxy = Live.readProxy(await files["proxy.glb"]), cameraFor = (aspect) => Live.framed(data.meta.camera, proxy.positions, aspect);
+    let session = null;
+    await host(document.body, opened(files, data), data.meta.frame.scene_from_splat, cameraFor, { renderer: query.get("renderer") ?? "webgpu", ui: !query.has("noui"), proxy }, async (stage, { bundle }) => {
+      const lights = await Promise.all(data.meta.lights.map(async (entry) => Live.lightOf(entry, await files[entry.file])));
+      session = new Session(bundle, proxy, lights, stage, data, notify);
+      session.begin(query);
+    });
+    window.relight = session;
   } catch (error) {
     notify(error.message);
     throw error;
   }
 }
 
-// The files of the bundle by name: packed in this page, or beside it.
-async function readFiles({ files, packed }) {
-  return Object.fromEntries(await Promise.all(files.map(async (name) => [name, packed ? await unpacked(name) : await beside(name)])));
+// The splat's bytes and the bundle, once they are all read.
+async function opened(files, { files: names, splat, meta }) {
+  const bytes = await files[splat], read = {};
+  await Live.checkSplat(bytes, meta.splats.find(({ file }) => file === splat));
+  for (const name of names) read[name] = await files[name];
+  return { splat: bytes, bundle: Live.readBundle(meta, read, splat) };
+}
+
+// Promises of the files of the bundle by name: packed in this page, or beside it.
+function readFiles({ files, packed }) {
+  return Object.fromEntries(files.map((name) => [name, packed ? unpacked(name) : beside(name)]));
 }
 
 async function beside(name) {
@@ -63,11 +71,7 @@ class Session {
     this.usual = Object.fromEntries(Object.entries(this.state).map(([key, value]) => [key, typeof value === "boolean" ? value : rounded(value)]));
     this.most = [1, 1, 1];
     this.shadows = new Map();
-    this.compare = comparison(stage.app, stage.canvas, (captured) => {
-      stage.objects.show(captured ? 0 : this.objects());
-      stage.floor?.show(!captured && this.standing());
-      return captured ? stage.show({ ...this.asked, view: "captured" }, [1, 1, 1]) : stage.show(this.shown, this.most, this.mirrored);
-    });
+    this.compare = comparison(stage.app, stage.canvas, (captured) => this.put(captured));
     this.strip = Live.indicator(element("r-strip"));
     this.mirrored = null; // what is glossy mirrors, where it does
     this.busy = null;
@@ -90,7 +94,8 @@ class Session {
     addSliders(this);
     letMove(this);
     listen(this);
-    this.set({});
+    refreshPanel(this);
+    this.draw(); // so that the first picture is in the light
   }
 
   // Change some of the state and show it.
@@ -177,8 +182,17 @@ class Session {
     this.remember();
     element("relight-line").style.display = state.compare ? "block" : "none";
     element("relight-line").style.left = `${100 * state.line}%`;
-    if (!state.compare) stage.show(this.shown, this.most, this.mirrored);
+    if (!state.compare) this.put(false);
     this.drawn = (this.drawn ?? 0) + 1;
+  }
+
+  // Show the splats as captured, or in the light.
+  put(captured) {
+    const { stage } = this;
+    stage.objects.show(captured ? 0 : this.objects());
+    stage.floor?.show(!captured && this.standing());
+    if (captured) stage.show({ ...this.asked, view: "captured" }, [1, 1, 1]);
+    else stage.show(this.shown, this.most, this.mirrored);
   }
 
   // The table of a light: as it was, where only suns and terms differ.
