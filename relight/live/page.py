@@ -56,12 +56,15 @@ _TEMPLATE = """<!doctype html>
 <style>{css}
 html, body {{ height: 100%; margin: 0; overflow: hidden; background: #212123; }}</style>
 <script type="application/json" id="live-data">{data}</script>
+<script>{boot}</script>
 </head>
 <body>
-{packed}<script type="module">{script}</script>
-</body>
+{packed}</body>
 </html>
 """
+
+_SCRIPT = "viewer"
+"""Name under which the page holds its own script, packed like a file; it comes first and runs once all are there."""
 
 
 def write_page(
@@ -97,15 +100,16 @@ def page_of(
     data["splat"] = meta["splats"][0]["file"]
     rows = {meta[key]["file"]: meta[key]["bytes"] for key in ("transfer", "surface")}
     packed = "".join(
-        f'<script type="text/plain" data-file="{name}"{_packed(content, rows.get(name))}</script>\n'
-        for name, content in (contents or {}).items()
+        f'<script type="text/plain" data-file="{name}"{_packed(content, rows.get(name))}</script>'
+        f"<script>unpack()</script>\n"
+        for name, content in ({_SCRIPT: _script().encode("utf-8")} | dict(contents or {})).items()
     )
     return _TEMPLATE.format(
         title=f"{meta['source'].get('file', 'Splats')}, relit".replace("<", "&lt;"),
         css=_text("viewer/index.css") + _text("page.css"),
         data=json.dumps(data).replace("<", "\\u003c"),
+        boot=_text("boot.js"),
         packed=packed,
-        script=_script(),
     )
 
 

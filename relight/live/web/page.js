@@ -35,31 +35,13 @@ async function opened(files, { files: names, splat, meta }) {
 
 // Promises of the files of the bundle by name: packed in this page, or beside it.
 function readFiles({ files, packed }) {
-  return Object.fromEntries(files.map((name) => [name, packed ? unpacked(name) : beside(name)]));
+  return Object.fromEntries(files.map((name) => [name, packed ? unpacked[name] : beside(name)]));
 }
 
 async function beside(name) {
   const answer = await fetch(name);
   if (!answer.ok) throw new Error(`${name} is missing beside this page`);
   return new Uint8Array(await answer.arrayBuffer());
-}
-
-async function unpacked(name) {
-  const node = document.querySelector(`script[data-file="${name}"]`), { gzip, planes, steps } = node.dataset;
-  let bytes = fromBase64(node.textContent);
-  node.remove();
-  if (gzip !== undefined) bytes = new Uint8Array(await new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"))).arrayBuffer());
-  return planes ? Live.inRows(bytes, +planes, steps !== undefined) : bytes;
-}
-
-function fromBase64(text) {
-  if (Uint8Array.fromBase64) return Uint8Array.fromBase64(text);
-  const bytes = new Uint8Array(3 * text.length / 4 - (/=*$/.exec(text.slice(-2))[0].length));
-  for (let at = 0, to = 0; at < text.length; at += 1 << 22) {
-    const binary = atob(text.slice(at, at + (1 << 22)));
-    for (let i = 0; i < binary.length; i++) bytes[to++] = binary.charCodeAt(i);
-  }
-  return bytes;
 }
 
 class Session {

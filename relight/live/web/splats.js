@@ -105,15 +105,6 @@ export function readProxy(bytes) {
   return { positions: read(attributes.POSITION, Float32Array, 3), indices: read(indices, Uint32Array, 1) };
 }
 
-// Rows of `width` bytes that are stored byte by byte of all rows; steps: as differences from the row before.
-export function inRows(bytes, width, steps) {
-  const rows = new Uint8Array(bytes.length);
-  for (let column = 0, from = 0; column < width; column++) {
-    for (let at = column, value = 0; at < rows.length; at += width) rows[at] = value = steps ? value + bytes[from++] & 255 : bytes[from++];
-  }
-  return rows;
-}
-
 function find(bytes, text) {
   const wanted = new TextEncoder().encode(text), most = Math.min(bytes.length, 1 << 16) - wanted.length;
   for (let i = 0; i <= most; i++) {
