@@ -198,6 +198,7 @@ def compared(page, options):
     target, first = (np.array(meta["camera"][key]) for key in ("target", "position"))
     relit = [each.split(":") for each in options.relit]
     splats = {file: read_splats(Path(file)) for _, _, file in relit}
+    exposures = {file: json.loads(Path(file).with_name("report.json").read_text("utf-8"))["exposure"] for _, _, file in relit}
     for eye in range(options.eyes):
         c, s = np.cos(2 * np.pi * eye / options.eyes), np.sin(2 * np.pi * eye / options.eyes)
         place = target + np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]) @ (first - target)
@@ -208,7 +209,9 @@ def compared(page, options):
         with Browser(url, (options.side, options.side)) as browser:
             browser.wait("window.relight && relight.drawn", 600)
             for light, degrees, file in relit:
-                show(browser, {"light": names.index(light), "turn": float(degrees), "view": "relit"})
+                number = names.index(light)
+                stops = float(np.log2(exposures[file] / meta["lights"][number]["exposure"]))
+                show(browser, {"light": number, "turn": float(degrees), "view": "relit", "exposure": stops})
                 found = browser.picture() / 255.0
                 camera = browser.run("relight.stage.camera")
                 expected, solid = ours(splats[file], frame, camera, options.side)

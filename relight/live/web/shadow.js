@@ -68,7 +68,7 @@ export class Shadow {
   }
 }
 
-const BIAS = 2; // texels along the normal, and half of it towards the sun: more leaks light into contacts, less is acne
+const BIAS = 4; // texels along the normal, and half of it towards the sun: more leaks light into contacts, less is acne
 
 // Triangles, (F, 3) of points (V, 3) in texels: the nearest to the sun stays in every texel whose centre one covers.
 function drawTriangles(seen, indices, depth, size) {
