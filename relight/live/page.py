@@ -35,6 +35,9 @@ _WEB = Path(__file__).parent / "web"
 _LIBRARY = "light", "piz", "splats", "shadow", "objects", "framing", "gloss", "ground", "exr", "indicator", "live"
 """Modules that the page joins into one, each after its imports. Their top-level names must differ."""
 
+_PAGE = "host", "recolour_shaders", "recolour", "floor", "panel", "movement", "page"
+"""Scripts that stand in one block with the viewer, whose engine they use."""
+
 _LOW_PASS = (
     ("cov[0][0] + 0.3;", "cov[0][0] + 1.2;"),
     ("cov[1][1] + 0.3;", "cov[1][1] + 1.2;"),
@@ -145,10 +148,10 @@ def _script() -> str:
     ]
     parts = [re.sub(r"^import .*$", "", re.sub(r"^export ", "", part, flags=re.M), flags=re.M) for part in library]
     library_text = "".join(parts)
+    ours = "\n".join(_text(f"{name}.js") for name in _PAGE)
     return (
         f"let relightCamera = null;\n{viewer}\n"
-        f"{{\nconst Live = (() => {{\n{library_text}\nreturn {{ {', '.join(names)} }};\n}})();\n"
-        f"{_text('host.js')}\n{_text('recolour.js')}\n{_text('floor.js')}\n{_text('panel.js')}\n{_text('movement.js')}\n{_text('page.js')}\n}}\n"
+        f"{{\nconst Live = (() => {{\n{library_text}\nreturn {{ {', '.join(names)} }};\n}})();\n{ours}\n}}\n"
     )
 
 

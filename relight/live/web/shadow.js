@@ -27,16 +27,16 @@ export function shadowFrame(positions, direction, size, seen = null) {
 }
 
 // What a look-up needs: a place moved along its normal, and on by half of that, is hidden where the map is nearer to the sun.
-export function mapOf({ size, texel, u, v, low }) {
+export function mapOf({ size, texel, u, v, low, bias = BIAS }) {
   const scale = 1 / texel;
-  return { size, off: BIAS * texel, scale, u, v, lowU: low[0] * scale + 0.5, lowV: low[1] * scale + 0.5 };
+  return { size, off: bias * texel, scale, u, v, lowU: low[0] * scale + 0.5, lowV: low[1] * scale + 0.5 };
 }
 
 // positions (V, 3) and indices (F, 3) of the mesh, direction towards the sun, a unit vector.
 export class Shadow {
-  constructor({ positions, indices }, direction, size = SIZE) {
+  constructor({ positions, indices }, direction, size = SIZE, bias = BIAS) {
     const seen = new Float32Array(positions.length);
-    Object.assign(this, shadowFrame(positions, direction, size, seen));
+    Object.assign(this, shadowFrame(positions, direction, size, seen), { bias });
     const { texel, low: [left, top] } = this;
     this.depth = new Float32Array(size * size).fill(-Infinity);
     for (let i = 0; i < seen.length; i += 3) {
@@ -68,7 +68,7 @@ export class Shadow {
   }
 }
 
-const BIAS = 4; // texels along the normal, and half of it towards the sun: more leaks light into contacts, less is acne
+const BIAS = 3; // texels along the normal, and half of it towards the sun: more leaks light into contacts, less is acne: by a trained garden, a trained room and a generated tabletop
 
 // Triangles, (F, 3) of points (V, 3) in texels: the nearest to the sun stays in every texel whose centre one covers.
 function drawTriangles(seen, indices, depth, size) {
