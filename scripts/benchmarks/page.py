@@ -1,11 +1,12 @@
 """The page in Chromium: its size, its first picture, the processor time of a moved light, its picture beside ours.
 
-`--bundle` is a folder that `relight --format live` wrote. `--splats` repeats its splats, jittered and smaller, to so many.
-`first` is seconds from opening a file to the frame that shows relit splats; "main" its processor seconds on the page's own
-thread. Each change is the least of several: processor milliseconds of the page's thread until the frame has been
-sent, and those of all of Chromium, in which a software renderer does the work of the graphics card. `still` is a
-frame without a change. PSNR is over what shows the scene, without a sky behind, beside our rasteriser's picture of the
-splat that `--relit` names, written in the same run.
+`--bundle` is a folder that `relight --format live` wrote. `--splats` repeats its splats, jittered and smaller, to so
+many. `first` is seconds from opening the file to the frame that shows relit splats, the least of `--opened`; `main`
+is the processor seconds of the page's own thread until then. Each change is the least of several pairs: processor
+milliseconds of the page's thread until the frame has been sent, and of all of Chromium, in which a software renderer
+does the work of the graphics card. `still` is a frame without a change. PSNR is over what shows the scene, and over
+all, without a sky behind, beside our rasteriser's picture of the splats that `--relit` names; to be exact, they come
+from the run that wrote the bundle, since another light may lead to another estimate of the captured light.
 """
 
 import hashlib
@@ -101,7 +102,9 @@ def page_file(options, folder, count):
         return options.page, meta["count"]
     names = [meta[key]["file"] for key in ("transfer", "basis", "surface")]
     names += [light["file"] for light in meta["lights"]]
-    names += [meta[key]["file"] for key in ("gloss", "ground") if key in meta] + (["terms.bin"] if "terms" in meta else [])
+    names += [meta[key]["file"] for key in ("gloss", "ground") if key in meta] + (
+        ["terms.bin"] if "terms" in meta else []
+    )
     meta["splats"] = [each for each in meta["splats"] if each["file"].endswith("compressed.ply")]
     names.append(meta["splats"][0]["file"])
     contents = {name: (options.bundle / name).read_bytes() for name in [*names, "proxy.glb"]}
@@ -198,7 +201,9 @@ def compared(page, options):
     target, first = (np.array(meta["camera"][key]) for key in ("target", "position"))
     relit = [each.split(":") for each in options.relit]
     splats = {file: read_splats(Path(file)) for _, _, file in relit}
-    exposures = {file: json.loads(Path(file).with_name("report.json").read_text("utf-8"))["exposure"] for _, _, file in relit}
+    exposures = {
+        file: json.loads(Path(file).with_name("report.json").read_text("utf-8"))["exposure"] for _, _, file in relit
+    }
     for eye in range(options.eyes):
         c, s = np.cos(2 * np.pi * eye / options.eyes), np.sin(2 * np.pi * eye / options.eyes)
         place = target + np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]) @ (first - target)

@@ -1,4 +1,4 @@
-"""The passes on the graphics card light splats as the processor does, which tests compare with the reader of live.md."""
+"""The passes on the graphics card light splats as the processor does, whose light tests compare with docs/live.md."""
 
 import base64
 import json
@@ -23,7 +23,9 @@ pytestmark = pytest.mark.skipif(chromium() is None, reason="chromium is not inst
 
 def compared(folder, meta, kind):
     """What the harness finds of a bundle."""
-    files = {each.name: each for each in folder.glob("*.*")} | {light["file"]: folder / light["file"] for light in meta["lights"]}
+    files = {each.name: each for each in folder.glob("*.*")} | {
+        light["file"]: folder / light["file"] for light in meta["lights"]
+    }
     packed = {name: base64.b64encode(path.read_bytes()).decode() for name, path in files.items()}
     harness = (Path(__file__).parents[2] / "support" / HARNESS).read_text("utf-8")
     script = _script().replace("\nstart();\n", "\n" + harness)
@@ -39,8 +41,8 @@ def compared(folder, meta, kind):
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize(("weights", "lamps"), [(2, False), (6, True), (14, False)])
 def test_every_splat_has_the_gain_that_the_processor_gives_it(tmp_path, kind, weights, lamps):
-    """Surfaces, leaves, sky, suns and their shadows, lamps, tint, white. A step of a gain is a 1,024th; where an edge of a
-    shadow runs through a texel, the two may differ more."""
+    """Surfaces, leaves, sky, suns and their shadows, lamps, tint, white. A step of a gain is a 1,024th; where an edge
+    of a shadow runs through a texel, the two may differ more."""
     meta, splats, kinds = make_bundle(tmp_path, 3000, weights=weights, splats=make_splats(3000, 0), lamps=lamps)
     assert set(kinds) == {0, 1, 2}
     frame = np.array(meta["frame"]["scene_from_splat"])
@@ -59,4 +61,3 @@ def test_every_splat_has_the_gain_that_the_processor_gives_it(tmp_path, kind, we
         assert each["spread"] > (1 if "captured" in each["name"] else 50)
     plain = [each for each in results if "albedo" in each["name"] or "captured" in each["name"]]
     assert max(each["most"] for each in plain) <= 1
-
