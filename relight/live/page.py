@@ -67,7 +67,7 @@ html, body {{ height: 100%; margin: 0; overflow: hidden; background: #212123; }}
 """
 
 _SCRIPT = "viewer"
-"""Name under which the page holds its own script, packed like a file; it comes first and runs once all are there."""
+"""Name under which the page holds its own script, packed like a file, which comes first."""
 
 
 def write_page(

@@ -1,4 +1,4 @@
-// The files in a page: each is unpacked as soon as the page has come to its end. The first of them, the viewer, runs once all are there.
+// Files in a page: each is unpacked as soon as the parser has passed it. The first, the viewer, runs once the page is read.
 const unpacked = {}; // promises of bytes, by name
 
 // Unpack the file of the script before this one.
