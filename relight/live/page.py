@@ -35,6 +35,9 @@ _WEB = Path(__file__).parent / "web"
 _LIBRARY = "light", "piz", "splats", "shadow", "objects", "framing", "gloss", "ground", "exr", "indicator", "live"
 """Modules that the page joins into one, each after its imports. Their top-level names must differ."""
 
+_PAGE = "host", "recolour_shaders", "recolour", "floor", "panel", "movement", "page"
+"""Scripts that stand in one block with the viewer, whose engine they use."""
+
 _LOW_PASS = (
     ("cov[0][0] + 0.3;", "cov[0][0] + 1.2;"),
     ("cov[1][1] + 0.3;", "cov[1][1] + 1.2;"),
@@ -56,12 +59,15 @@ _TEMPLATE = """<!doctype html>
 <style>{css}
 html, body {{ height: 100%; margin: 0; overflow: hidden; background: #212123; }}</style>
 <script type="application/json" id="live-data">{data}</script>
+<script>{boot}</script>
 </head>
 <body>
-{packed}<script type="module">{script}</script>
-</body>
+{packed}</body>
 </html>
 """
+
+_SCRIPT = "viewer"
+"""Name under which the page holds its own script, packed like a file, which comes first."""
 
 
 def write_page(
@@ -97,15 +103,16 @@ def page_of(
     data["splat"] = meta["splats"][0]["file"]
     rows = {meta[key]["file"]: meta[key]["bytes"] for key in ("transfer", "surface")}
     packed = "".join(
-        f'<script type="text/plain" data-file="{name}"{_packed(content, rows.get(name))}</script>\n'
-        for name, content in (contents or {}).items()
+        f'<script type="text/plain" data-file="{name}"{_packed(content, rows.get(name))}</script>'
+        f"<script>unpack()</script>\n"
+        for name, content in ({_SCRIPT: _script().encode("utf-8")} | dict(contents or {})).items()
     )
     return _TEMPLATE.format(
         title=f"{meta['source'].get('file', 'Splats')}, relit".replace("<", "&lt;"),
         css=_text("viewer/index.css") + _text("page.css"),
         data=json.dumps(data).replace("<", "\\u003c"),
+        boot=_text("boot.js"),
         packed=packed,
-        script=_script(),
     )
 
 
@@ -141,10 +148,10 @@ def _script() -> str:
     ]
     parts = [re.sub(r"^import .*$", "", re.sub(r"^export ", "", part, flags=re.M), flags=re.M) for part in library]
     library_text = "".join(parts)
+    ours = "\n".join(_text(f"{name}.js") for name in _PAGE)
     return (
         f"let relightCamera = null;\n{viewer}\n"
-        f"{{\nconst Live = (() => {{\n{library_text}\nreturn {{ {', '.join(names)} }};\n}})();\n"
-        f"{_text('host.js')}\n{_text('floor.js')}\n{_text('panel.js')}\n{_text('movement.js')}\n{_text('page.js')}\n}}\n"
+        f"{{\nconst Live = (() => {{\n{library_text}\nreturn {{ {', '.join(names)} }};\n}})();\n{ours}\n}}\n"
     )
 
 

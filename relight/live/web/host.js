@@ -204,13 +204,14 @@ const modifierOf = (gloss) => !gloss ? MODIFIER : {
 
 const SKY_HEIGHT = 256;
 
-// Show a splat in the viewer. splat: its bytes, a compressed PLY. frame: scene_from_splat, 4 x 4. cameraFor: a function of
-// the window's aspect, where to begin and what the key F shows.
-async function host(container, splat, frame, cameraFor, options = {}) {
+// Show the splat of a bundle in the viewer. opened: a promise of {splat, bundle}, of which splat are the bytes of a compressed
+// PLY. frame: scene_from_splat, 4 x 4. cameraFor: a function of the window's aspect, where to begin and what the key F shows.
+// options.proxy: the mesh that casts shadows. begin(stage, opened): lights the splats before they are first shown.
+async function host(container, opened, frame, cameraFor, options, begin) {
   const name = "splat.compressed.ply", camera = cameraFor(innerWidth / innerHeight);
   const viewer = await createViewer({
-    container, contentUrl: name, contentFilename: name, contents: Promise.resolve(new Response(splat)), exposeGlobals: true,
-    settings: settingsFor(camera), renderer: options.renderer, ui: options.ui ?? true, noanim: true,
+    container, contentUrl: name, contentFilename: name, contents: opened.then(({ splat }) => new Response(splat)), exposeGlobals: true,
+    settings: settingsFor(camera), renderer: options.renderer, ui: options.ui, noanim: true,
   });
   relightCamera = () => {
     const { position, target, fov } = cameraFor(innerWidth / innerHeight);
@@ -218,25 +219,26 @@ async function host(container, splat, frame, cameraFor, options = {}) {
   };
   const { app } = viewer;
   app.scene.gsplat.dataFormat = "large"; // the compact one has 11 bits in 0..4 for a colour
-  const entity = await arrival(app, frame);
-  const { gsplat } = entity, { resource } = gsplat;
+  const { bundle } = await opened, objects = bundle.objects ? await objectsIn(app, bundle.objects, frame) : { show() {}, move() {} };
+  const entity = await arrival(app, frame), { gsplat } = entity, { resource } = gsplat;
   resource.format.addExtraStreams([{ name: "live", format: PIXELFORMAT_RGBA16U }]);
   const stream = resource.getTexture("live");
-  const shine = options.gloss ? shineOf(app, gsplat, resource, options.gloss) : () => {};
+  const shine = bundle.gloss ? shineOf(app, gsplat, resource, bundle.gloss) : () => {}, recolour = recolouring(app, resource, stream, bundle, options.proxy);
+  // gains: of all splats, or what `recolouring` makes them of.
   const show = (gains, most, mirrored = null) => {
-    stream.lock().set(gains);
-    stream.unlock();
+    if (ArrayBuffer.isView(gains)) {
+      stream.lock().set(gains);
+      stream.unlock();
+    } else recolour.light(gains);
     gsplat.setParameter("uLiveMost", most);
     shine(mirrored);
     app.renderNextFrame = true;
   };
-  show(Live.plainGains(stream.width * stream.height), [1, 1, 1]);
-  gsplat.setWorkBufferModifier(modifierOf(options.gloss));
+  gsplat.setWorkBufferModifier(modifierOf(bundle.gloss));
+  const floor = bundle.ground ? floorIn(app, bundle.ground) : null;
+  await begin({ viewer, app, entity, camera, show, recolour, objects, floor, sky: skyOf(app), canvas: app.graphicsDevice.canvas }, { bundle });
   await new Promise((resolve) => viewer.state.loaded ? resolve() : viewer.events.once("loaded:changed", resolve));
   if (viewer.state.cameraMode === "anim") viewer.state.cameraMode = "orbit"; // else a turn begins with the first key
-  const objects = options.objects ? await objectsIn(app, options.objects, frame) : { show() {}, move() {} };
-  const floor = options.ground ? floorIn(app, options.ground) : null;
-  return { viewer, app, entity, camera, show, objects, floor, sky: skyOf(app), canvas: app.graphicsDevice.canvas };
 }
 
 // Inserted objects among the splats: show(factor) shows them so many times as bright, or hides them; move(number, pose,
@@ -423,7 +425,7 @@ function comparison(app, canvas, draw) {
       line = at;
       above.style.display = on ? "block" : "none";
       if (!on) captured = false;
-      draw(captured);
+      else draw(captured);
     },
   };
 }

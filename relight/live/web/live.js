@@ -242,13 +242,18 @@ function addSun({ count, surface: bytes }, { normals, places, volume, own: [red,
 
 const OPEN = { depth: new Float32Array(4), size: 0, off: 0, scale: 0, u: [0, 0, 0], v: [0, 0, 0], lowU: 0, lowV: 0 }; // no shadow
 
+// What each cluster makes of a sun as smooth as harmonics are: (C, 1 + W, 3).
+export function sunTable(bundle, direction, weight, exposure) {
+  const vector = new Float32Array(COEFFICIENTS * 3);
+  harmonics(direction, BANDS).forEach((value, i) => weight.forEach((strength, k) => { vector[3 * i + k] = value * strength * exposure; }));
+  return tableOf(bundle.basis, vector);
+}
+
 // Add what gets of a sun through leaves and grass to those, which have no normal: the share that they are such has it by
 // its harmonics, as smooth as the way through them is; the rest stays a surface.
 function throughLeaves(bundle, { volume, thick }, direction, weight, exposure, ratio) {
   if (!thick.length) return;
-  const { weights, transfer } = bundle, row = 2 + weights, step = (1 + weights) * 3, vector = new Float32Array(COEFFICIENTS * 3);
-  harmonics(direction, BANDS).forEach((value, i) => weight.forEach((strength, k) => { vector[3 * i + k] = value * strength * exposure; }));
-  const table = tableOf(bundle.basis, vector), signed = new Int8Array(transfer.buffer, transfer.byteOffset, transfer.length);
+  const { weights, transfer } = bundle, row = 2 + weights, step = (1 + weights) * 3, table = sunTable(bundle, direction, weight, exposure), signed = new Int8Array(transfer.buffer, transfer.byteOffset, transfer.length);
   for (let i = 0; i < thick.length; i++) {
     const n = thick[i], at = n * row, share = volume[n];
     let entry = (transfer[at] | transfer[at + 1] << 8) * step, r = table[entry], g = table[entry + 1], b = table[entry + 2];
@@ -358,12 +363,15 @@ function rolledOff(ratio, color) {
   return (start + room * (ROLLED[at] + (ROLLED[at + 1] - ROLLED[at]) * (over - at))) / color;
 }
 
+// Changes (3) as gains of GAIN_UNIT.
+export const gainsOf = (changes) => changes.map((value) => Math.round(GAIN_UNIT * Math.min(Math.max(value, 1e-4), 1e4) ** (1 / 2.4)));
+
 // Far background shows the sky, turned: colours in place of gains. Under the light of the capture it is `captured` (3)
 // times as bright as it was.
 export function showSky(bundle, light, angle, exposure, out, captured = [1, 1, 1]) {
   const { rows, directions } = bundle.sky ??= skyRows(bundle), color = [0, 0, 0];
   if (light.sky === "captured") {
-    const kept = captured.map((value) => Math.round(GAIN_UNIT * Math.min(Math.max(value, 1e-4), 1e4) ** (1 / 2.4)));
+    const kept = gainsOf(captured);
     for (const row of rows) out.set([...kept, 0], 4 * row);
     return;
   }

@@ -2,7 +2,7 @@
 
 import { Shadow } from "./shadow.js";
 
-const MAP = 96; // texels along the side of the map of an object from each direction
+const MAP = 96, MAP_BIAS = 2; // texels along the side of the map of an object from each direction, and of its bias
 const REACH = 5; // radii up to which a moved object changes light, but for that of suns and lamps
 const LEAST_RATIO = 0.03; // as in relight: no shadow is black
 const MOST_STRENGTH = 2; // by which the approximation is made stronger, at most; weaker by half
@@ -198,7 +198,7 @@ export class Movable {
   // A map of it from each direction of the light, in its own frame; drawn anew where it was turned.
   maps() {
     if (this.drawnAt !== this.pose.turn) {
-      this.drawn = Array.from({ length: this.directions.length / 3 }, (_, k) => new Shadow(this, this.ownWay(this.directions.subarray(3 * k, 3 * k + 3)), MAP));
+      this.drawn = Array.from({ length: this.directions.length / 3 }, (_, k) => new Shadow(this, this.ownWay(this.directions.subarray(3 * k, 3 * k + 3)), MAP, MAP_BIAS));
       this.drawnAt = this.pose.turn;
     }
     return this.drawn;

@@ -11,47 +11,37 @@ async function start() {
     if (localStorage.getItem("controlsPanelOpen") === null) localStorage.setItem("controlsPanelOpen", "false"); // the viewer's list of keys
   } catch { /* storage may be denied */ }
   try {
-    const files = await readFiles(data);
-    await Live.checkSplat(files[data.splat], data.meta.splats.find(({ file }) => file === data.splat));
-    const bundle = Live.readBundle(data.meta, files, data.splat), { scene_from_splat: frame } = data.meta.frame;
-    const proxy = Live.readProxy(files["proxy.glb"]), cameraFor = (aspect) => Live.framed(data.meta.camera, proxy.positions, aspect);
-    const stage = await host(document.body, files[data.splat], frame, cameraFor, { renderer: query.get("renderer") ?? "webgpu", ui: !query.has("noui"), gloss: bundle.gloss, objects: bundle.objects, ground: bundle.ground });
-    const lights = data.meta.lights.map((entry) => Live.lightOf(entry, files[entry.file]));
-    window.relight = new Session(bundle, proxy, lights, stage, data, notify);
-    window.relight.begin(query);
+    const files = readFiles(data), proxy = Live.readProxy(await files["proxy.glb"]), cameraFor = (aspect) => Live.framed(data.meta.camera, proxy.positions, aspect);
+    let session = null;
+    await host(document.body, opened(files, data), data.meta.frame.scene_from_splat, cameraFor, { renderer: query.get("renderer") ?? "webgpu", ui: !query.has("noui"), proxy }, async (stage, { bundle }) => {
+      const lights = await Promise.all(data.meta.lights.map(async (entry) => Live.lightOf(entry, await files[entry.file])));
+      session = new Session(bundle, proxy, lights, stage, data, notify);
+      session.begin(query);
+    });
+    window.relight = session;
   } catch (error) {
     notify(error.message);
     throw error;
   }
 }
 
-// The files of the bundle by name: packed in this page, or beside it.
-async function readFiles({ files, packed }) {
-  return Object.fromEntries(await Promise.all(files.map(async (name) => [name, packed ? await unpacked(name) : await beside(name)])));
+// The splat's bytes and the bundle, once they are all read.
+async function opened(files, { files: names, splat, meta }) {
+  const bytes = await files[splat], read = {};
+  await Live.checkSplat(bytes, meta.splats.find(({ file }) => file === splat));
+  for (const name of names) read[name] = await files[name];
+  return { splat: bytes, bundle: Live.readBundle(meta, read, splat) };
+}
+
+// Promises of the files of the bundle by name: packed in this page, or beside it.
+function readFiles({ files, packed }) {
+  return Object.fromEntries(files.map((name) => [name, packed ? unpacked[name] : beside(name)]));
 }
 
 async function beside(name) {
   const answer = await fetch(name);
   if (!answer.ok) throw new Error(`${name} is missing beside this page`);
   return new Uint8Array(await answer.arrayBuffer());
-}
-
-async function unpacked(name) {
-  const node = document.querySelector(`script[data-file="${name}"]`), { gzip, planes, steps } = node.dataset;
-  let bytes = fromBase64(node.textContent);
-  node.remove();
-  if (gzip !== undefined) bytes = new Uint8Array(await new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"))).arrayBuffer());
-  return planes ? Live.inRows(bytes, +planes, steps !== undefined) : bytes;
-}
-
-function fromBase64(text) {
-  if (Uint8Array.fromBase64) return Uint8Array.fromBase64(text);
-  const bytes = new Uint8Array(3 * text.length / 4 - (/=*$/.exec(text.slice(-2))[0].length));
-  for (let at = 0, to = 0; at < text.length; at += 1 << 22) {
-    const binary = atob(text.slice(at, at + (1 << 22)));
-    for (let i = 0; i < binary.length; i++) bytes[to++] = binary.charCodeAt(i);
-  }
-  return bytes;
 }
 
 class Session {
@@ -61,18 +51,9 @@ class Session {
     this.state.terms = bundle.terms.map(({ color }) => ({ on: true, ev: 0, color: Live.hexOf(color) }));
     this.state.captured = lights[0].captured ?? 0;
     this.usual = Object.fromEntries(Object.entries(this.state).map(([key, value]) => [key, typeof value === "boolean" ? value : rounded(value)]));
-    this.surface = Live.surfaceOf(bundle);
-    this.ratio = new Float32Array(bundle.count * 3);
-    this.base = new Float32Array(bundle.count * 3); // the same without suns and terms
-    this.gains = new Uint16Array(bundle.count * 4);
-    this.plain = Live.plainGains(bundle.count);
     this.most = [1, 1, 1];
     this.shadows = new Map();
-    this.compare = comparison(stage.app, stage.canvas, (captured) => {
-      stage.objects.show(captured ? 0 : this.objects());
-      stage.floor?.show(!captured && this.standing());
-      return captured ? stage.show(this.plain, [1, 1, 1]) : stage.show(this.gains, this.most, this.mirrored);
-    });
+    this.compare = comparison(stage.app, stage.canvas, (captured) => this.put(captured));
     this.strip = Live.indicator(element("r-strip"));
     this.mirrored = null; // what is glossy mirrors, where it does
     this.busy = null;
@@ -81,6 +62,7 @@ class Session {
 
   begin(query) {
     this.query = query.toString();
+    this.onCard = !query.has("processor"); // which lights the splats
     for (const key of ["turn", "exposure", "tint", "sun", "azimuth", "height", "lamps", "line"]) if (query.has(key)) this.state[key] = +query.get(key);
     for (const key of ["sky", "ground", "compare"]) if (query.has(key)) this.state[key] = query.get(key) !== "0";
     if (query.has("view")) this.state.view = query.get("view");
@@ -94,7 +76,8 @@ class Session {
     addSliders(this);
     letMove(this);
     listen(this);
-    this.set({});
+    refreshPanel(this);
+    this.draw(); // so that the first picture is in the light
   }
 
   // Change some of the state and show it.
@@ -166,44 +149,79 @@ class Session {
   }
 
   draw() {
-    const { bundle, ratio, gains, stage, state } = this, light = this.lights[state.light], turn = state.turn * RADIANS;
-    const exposure = light.exposure * 2 ** state.exposure, lamps = this.lamps(light) * 2 ** state.exposure, balance = Live.balanceOf(state.tint), factors = this.factors(light, balance), began = performance.now();
-    if (state.view === "captured") gains.set(this.plain);
+    const { bundle, stage, state } = this, light = this.lights[state.light], turn = state.turn * RADIANS, began = performance.now();
+    const exposure = light.exposure * 2 ** state.exposure, lamps = this.lamps(light) * 2 ** state.exposure, balance = Live.balanceOf(state.tint), factors = this.factors(light, balance);
+    this.asked = { view: state.view, light, turn, exposure, lamps, balance, factors, suns: this.suns(), table: this.table(light, turn, exposure, lamps) };
+    this.counted = null;
+    this.shown = this.onCard && !this.objects() ? this.asked : this.gains;
+    this.mirrored = bundle.gloss && state.view === "relit" ? this.mirror(light, turn, exposure, lamps, factors, balance) : null;
+    this.most = state.view === "relit" ? Live.usualGain(bundle, light, turn, exposure, lamps, factors, balance) : [1, 1, 1];
+    if (this.standing()) this.putGround(light, turn, exposure);
+    this.milliseconds = performance.now() - began;
+    stage.sky(state.sky && state.view === "relit" && light.sky !== "captured" ? light.image : null, turn, exposure);
+    if (light.sky !== "captured") this.strip.draw(light, turn, exposure, this.asked.suns);
+    this.compare.set(state.compare, state.line);
+    this.remember();
+    element("relight-line").style.display = state.compare ? "block" : "none";
+    element("relight-line").style.left = `${100 * state.line}%`;
+    if (!state.compare) this.put(false);
+    this.drawn = (this.drawn ?? 0) + 1;
+  }
+
+  // Show the splats as captured, or in the light.
+  put(captured) {
+    const { stage } = this;
+    stage.objects.show(captured ? 0 : this.objects());
+    stage.floor?.show(!captured && this.standing());
+    if (captured) stage.show({ ...this.asked, view: "captured" }, [1, 1, 1]);
+    else stage.show(this.shown, this.most, this.mirrored);
+  }
+
+  // The table of a light: as it was, where only suns and terms differ.
+  table(light, turn, exposure, lamps) {
+    const { bundle, state } = this, sun = light.suns.length ? state.sun : 1, text = JSON.stringify([state.light, turn, exposure, sun, lamps]);
+    if (state.view === "relit" && text !== this.tabled) {
+      this.held = Live.lightTable(bundle, light, turn, exposure, sun, lamps);
+      this.tabled = text;
+    }
+    return this.held;
+  }
+
+  // The changes of all splats as shown, (N, 3), and their gains, (N, 4), by the processor: what the card does not hand back.
+  get ratio() {
+    return this.count().ratio;
+  }
+
+  get gains() {
+    return this.count().gains;
+  }
+
+  count() {
+    const { bundle, asked: { view, light, turn, exposure, balance, factors, suns, table } } = this;
+    if (this.counted) return this.counted;
+    const { ratio, base, gains } = this.arrays ??= { ratio: new Float32Array(bundle.count * 3), base: new Float32Array(bundle.count * 3), gains: new Uint16Array(bundle.count * 4) };
+    if (view === "captured") gains.set(Live.plainGains(bundle.count));
     else {
-      if (state.view === "albedo") {
+      if (view === "albedo") {
         Live.albedoChanges(bundle, this.surface, ratio);
         Live.balanced(ratio, balance);
       } else {
-        this.putBase(light, turn, exposure, lamps);
-        const suns = this.suns();
+        if (this.based !== table) Live.changes(bundle, this.based = table, base);
+        ratio.set(base);
         Live.addSuns(bundle, this.surface, suns, suns.map(({ direction }) => this.shadow(direction)), exposure, ratio);
         Live.balanced(ratio, balance);
         Live.addTerms(bundle, factors, ratio);
       }
       Live.gains(bundle, ratio, gains);
       if (this.objects()) this.putObjects(gains);
-      if (state.view === "relit") Live.showSky(bundle, light, turn, exposure, gains, factors[0]);
+      if (view === "relit") Live.showSky(bundle, light, turn, exposure, gains, factors[0]);
     }
-    this.mirrored = bundle.gloss && state.view === "relit" ? this.mirror(light, turn, exposure, lamps, factors, balance) : null;
-    this.most = state.view === "relit" ? Live.usualGain(bundle, light, turn, exposure, lamps, factors, balance) : [1, 1, 1];
-    if (this.standing()) this.putGround(light, turn, exposure);
-    this.milliseconds = performance.now() - began;
-    stage.sky(state.sky && state.view === "relit" && light.sky !== "captured" ? light.image : null, turn, exposure);
-    if (light.sky !== "captured") this.strip.draw(light, turn, exposure, this.suns());
-    this.compare.set(state.compare, state.line);
-    this.remember();
-    element("relight-line").style.display = state.compare ? "block" : "none";
-    element("relight-line").style.left = `${100 * state.line}%`;
-    if (!state.compare) stage.show(gains, this.most, this.mirrored);
-    this.drawn = (this.drawn ?? 0) + 1;
+    return this.counted = { ratio, gains };
   }
 
-  // The changes but for suns and terms: as they were, where only those differ.
-  putBase(light, turn, exposure, lamps) {
-    const { bundle, state } = this, sun = light.suns.length ? state.sun : 1, text = JSON.stringify([state.light, turn, exposure, sun, lamps]);
-    if (text !== this.based) Live.changes(bundle, Live.lightTable(bundle, light, turn, exposure, sun, lamps), this.base);
-    this.based = text;
-    this.ratio.set(this.base);
+  // What suns need of every splat, where the processor lights them.
+  get surface() {
+    return this.surfaces ??= Live.surfaceOf(this.bundle);
   }
 
   // What is mirrored in a light: the new one blurred for each roughness, and how much brighter the scene is that hides it.
@@ -245,9 +263,10 @@ class Session {
     const picture = bytes[0] === 0x76 ? await Live.readExr(bytes) : Live.readHdr(bytes); // the first byte of OpenEXR
     if (Math.abs(picture.width / picture.height - 2) > 0.02) throw new Error(`a picture of ${picture.width} x ${picture.height}: expected a lat-long light, twice as wide as high`);
     const light = Live.lightFrom(name, Live.reduced(picture));
-    Live.changes(this.bundle, Live.lightTable(this.bundle, light, 0, 1), this.ratio);
-    Live.addSuns(this.bundle, this.surface, light.suns, light.suns.map(({ direction }) => this.shadow(direction)), 1, this.ratio);
-    light.exposure = Live.exposureOf(this.bundle, light, this.ratio);
+    const ratio = new Float32Array(3 * this.bundle.count);
+    Live.changes(this.bundle, Live.lightTable(this.bundle, light, 0, 1), ratio);
+    Live.addSuns(this.bundle, this.surface, light.suns, light.suns.map(({ direction }) => this.shadow(direction)), 1, ratio);
+    light.exposure = Live.exposureOf(this.bundle, light, ratio);
     light.lamps = this.bundle.meta.lamps ?? 0;
     light.captured = this.state.captured;
     this.lights.push(light);

@@ -2,28 +2,42 @@
 
 export const SIZE = 1024; // texels along the longer side: a tenth of a percent of the scene, less than its vertices are apart
 
-// positions (V, 3) and indices (F, 3) of the mesh, direction towards the sun, a unit vector.
-export class Shadow {
-  constructor({ positions, indices }, direction, size = SIZE) {
-    const [dx, dy, dz] = direction, steep = Math.abs(dy) > 0.9;
-    const ux = steep ? 0 : dz, uy = steep ? -dz : 0, uz = steep ? dy : -dx, length = Math.hypot(ux, uy, uz);
-    this.u = [ux / length, uy / length, uz / length];
-    this.v = [dy * this.u[2] - dz * this.u[1], dz * this.u[0] - dx * this.u[2], dx * this.u[1] - dy * this.u[0]];
-    this.d = direction;
-    const count = positions.length / 3, seen = new Float32Array(count * 3), [vx, vy, vz] = this.v, [wx, wy, wz] = this.u;
-    let lowU = Infinity, lowV = Infinity, highU = -Infinity, highV = -Infinity;
-    for (let i = 0; i < positions.length; i += 3) {
-      const x = positions[i], y = positions[i + 1], z = positions[i + 2], across = wx * x + wy * y + wz * z, down = vx * x + vy * y + vz * z;
+// Where a map of a mesh's positions (V, 3) lies, whose sun is in a direction: {size, texel, u, v, d, low, near, far}.
+export function shadowFrame(positions, direction, size, seen = null) {
+  const [dx, dy, dz] = direction, steep = Math.abs(dy) > 0.9;
+  const ux = steep ? 0 : dz, uy = steep ? -dz : 0, uz = steep ? dy : -dx, length = Math.hypot(ux, uy, uz), u = [ux / length, uy / length, uz / length];
+  const v = [dy * u[2] - dz * u[1], dz * u[0] - dx * u[2], dx * u[1] - dy * u[0]], [wx, wy, wz] = u, [vx, vy, vz] = v;
+  let lowU = Infinity, lowV = Infinity, highU = -Infinity, highV = -Infinity, near = -Infinity, far = Infinity;
+  for (let i = 0; i < positions.length; i += 3) {
+    const x = positions[i], y = positions[i + 1], z = positions[i + 2], across = wx * x + wy * y + wz * z, down = vx * x + vy * y + vz * z, toward = dx * x + dy * y + dz * z;
+    if (seen) {
       seen[i] = across;
       seen[i + 1] = down;
-      seen[i + 2] = dx * x + dy * y + dz * z;
-      if (across < lowU) lowU = across;
-      if (across > highU) highU = across;
-      if (down < lowV) lowV = down;
-      if (down > highV) highV = down;
+      seen[i + 2] = toward;
     }
-    const texel = this.texel = Math.max(highU - lowU, highV - lowV, 1e-9) / (size - 4), [left, top] = this.low = [lowU - 2 * texel, lowV - 2 * texel];
-    this.size = size;
+    if (across < lowU) lowU = across;
+    if (across > highU) highU = across;
+    if (down < lowV) lowV = down;
+    if (down > highV) highV = down;
+    if (toward > near) near = toward;
+    if (toward < far) far = toward;
+  }
+  const texel = Math.max(highU - lowU, highV - lowV, 1e-9) / (size - 4);
+  return { size, texel, u, v, d: direction, low: [lowU - 2 * texel, lowV - 2 * texel], near, far };
+}
+
+// What a look-up needs: a place moved along its normal, and on by half of that, is hidden where the map is nearer to the sun.
+export function mapOf({ size, texel, u, v, low, bias = BIAS }) {
+  const scale = 1 / texel;
+  return { size, off: bias * texel, scale, u, v, lowU: low[0] * scale + 0.5, lowV: low[1] * scale + 0.5 };
+}
+
+// positions (V, 3) and indices (F, 3) of the mesh, direction towards the sun, a unit vector.
+export class Shadow {
+  constructor({ positions, indices }, direction, size = SIZE, bias = BIAS) {
+    const seen = new Float32Array(positions.length);
+    Object.assign(this, shadowFrame(positions, direction, size, seen), { bias });
+    const { texel, low: [left, top] } = this;
     this.depth = new Float32Array(size * size).fill(-Infinity);
     for (let i = 0; i < seen.length; i += 3) {
       seen[i] = (seen[i] - left) / texel;
@@ -32,10 +46,8 @@ export class Shadow {
     drawTriangles(seen, indices, this.depth, size);
   }
 
-  // What a look-up needs: a place moved along its normal, and on by half of that, is hidden where the map is nearer to the sun.
   map() {
-    const { depth, size, texel, u, v } = this, scale = 1 / texel;
-    return { depth, size, off: BIAS * texel, scale, u, v, lowU: this.low[0] * scale + 0.5, lowV: this.low[1] * scale + 0.5 };
+    return { ...mapOf(this), depth: this.depth };
   }
 
   // Take from each share (N) what is hidden at its place (N, 3), where surfaces face along normals (N, 3): four texels
@@ -56,7 +68,7 @@ export class Shadow {
   }
 }
 
-const BIAS = 2; // texels along the normal, and half of it towards the sun: more leaks light into contacts, less is acne
+const BIAS = 3; // texels along the normal, and half of it towards the sun: more leaks light into contacts, less is acne: by a trained garden, a trained room and a generated tabletop
 
 // Triangles, (F, 3) of points (V, 3) in texels: the nearest to the sun stays in every texel whose centre one covers.
 function drawTriangles(seen, indices, depth, size) {

@@ -25,24 +25,31 @@ export function readCompressed(bytes) {
     const base = (n >> 8) * bounds, low = chunks[base + at[`min_${axis}`]];
     return low + (chunks[base + at[`max_${axis}`]] - low) * share;
   };
-  const means = new Float32Array(count * 3), colors = new Uint8Array(count * 3), colored = "min_r" in at;
-  for (let first = 0; first < count; first += 256) {
-    const base = (first >> 8) * bounds, end = Math.min(first + 256, count), range = (axis, most) => [chunks[base + at[`min_${axis}`]], (chunks[base + at[`max_${axis}`]] - chunks[base + at[`min_${axis}`]]) / most];
-    const [x, wide] = range("x", 2047), [y, high] = range("y", 1023), [z, deep] = range("z", 2047);
-    for (let n = first, i = 3 * first; n < end; n++, i += 3) {
-      const position = packed[4 * n];
-      means[i] = x + wide * (position >>> 21);
-      means[i + 1] = y + high * (position >>> 11 & 1023);
-      means[i + 2] = z + deep * (position & 2047);
-    }
-    for (let k = 0; k < 3; k++) {
-      const [low, step] = colored ? range("rgb"[k], 1) : [0, 1], shift = 24 - 8 * k;
-      for (let n = first, i = 3 * first + k; n < end; n++, i += 3) {
-        const shown = Math.round(255 * (low + step * ((packed[4 * n + 3] >>> shift & 255) / 255)));
-        colors[i] = shown < 0 ? 0 : shown > 255 ? 255 : shown;
+  const colored = "min_r" in at;
+  let held = null;
+  // Positions and colours of all, once something asks for them.
+  const all = () => {
+    if (held) return held;
+    const means = new Float32Array(count * 3), colors = new Uint8Array(count * 3);
+    for (let first = 0; first < count; first += 256) {
+      const base = (first >> 8) * bounds, end = Math.min(first + 256, count), range = (axis, most) => [chunks[base + at[`min_${axis}`]], (chunks[base + at[`max_${axis}`]] - chunks[base + at[`min_${axis}`]]) / most];
+      const [x, wide] = range("x", 2047), [y, high] = range("y", 1023), [z, deep] = range("z", 2047);
+      for (let n = first, i = 3 * first; n < end; n++, i += 3) {
+        const position = packed[4 * n];
+        means[i] = x + wide * (position >>> 21);
+        means[i + 1] = y + high * (position >>> 11 & 1023);
+        means[i + 2] = z + deep * (position & 2047);
+      }
+      for (let k = 0; k < 3; k++) {
+        const [low, step] = colored ? range("rgb"[k], 1) : [0, 1], shift = 24 - 8 * k;
+        for (let n = first, i = 3 * first + k; n < end; n++, i += 3) {
+          const shown = Math.round(255 * (low + step * ((packed[4 * n + 3] >>> shift & 255) / 255)));
+          colors[i] = shown < 0 ? 0 : shown > 255 ? 255 : shown;
+        }
       }
     }
-  }
+    return held = { means, colors };
+  };
   // One splat in full: as in an INRIA PLY, except for its colour, which is a display value.
   const row = (n) => {
     const scale = packed[4 * n + 2], turn = packed[4 * n + 1], color = packed[4 * n + 3];
@@ -52,13 +59,13 @@ export function readCompressed(bytes) {
     const opacity = Math.min(Math.max((color & 255) / 255, 1e-6), 1 - 1e-6);
     const shares = [0, 1, 2].map((k) => (color >>> 24 - 8 * k & 255) / 255);
     return {
-      mean: means.subarray(3 * n, 3 * n + 3), quat, opacity: Math.log(opacity / (1 - opacity)),
+      mean: all().means.subarray(3 * n, 3 * n + 3), quat, opacity: Math.log(opacity / (1 - opacity)),
       scale: [stretch(n, "scale_x", (scale >>> 21) / 2047), stretch(n, "scale_y", (scale >>> 11 & 1023) / 1023), stretch(n, "scale_z", (scale & 2047) / 2047)],
       color: colored ? shares.map((share, k) => stretch(n, "rgb"[k], share)) : shares,
       rest: Array.from(harmonics.subarray(n * rest, (n + 1) * rest), (cell) => cell === 0 ? -4 : cell === 255 ? 4 : (cell + 0.5) / 32 - 4),
     };
   };
-  return { count, means, colors, rest, row };
+  return { count, rest, row, get means() { return all().means; }, get colors() { return all().colors; } };
 }
 
 // The splats in the light of `gains` (N, 4), as `live.gains` leaves them: the bytes of an INRIA PLY.
@@ -96,15 +103,6 @@ export function readProxy(bytes) {
     return new Type(bytes.slice(offset, offset + count * width * 4).buffer);
   };
   return { positions: read(attributes.POSITION, Float32Array, 3), indices: read(indices, Uint32Array, 1) };
-}
-
-// Rows of `width` bytes that are stored byte by byte of all rows; steps: as differences from the row before.
-export function inRows(bytes, width, steps) {
-  const rows = new Uint8Array(bytes.length);
-  for (let column = 0, from = 0; column < width; column++) {
-    for (let at = column, value = 0; at < rows.length; at += width) rows[at] = value = steps ? value + bytes[from++] & 255 : bytes[from++];
-  }
-  return rows;
 }
 
 function find(bytes, text) {
