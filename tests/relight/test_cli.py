@@ -77,7 +77,8 @@ def test_every_option_of_the_light_reaches_the_job_unchanged(folder, monkeypatch
     seen = []
 
     class Job:
-        asked_lamps, from_inside, keeps_captured, gloss, insert_plan = (), False, False, None, None
+        asked_lamps, from_inside, keeps_captured = (), False, False
+        gloss = insert_plan = mirrored_floor = None
 
         def __init__(self, request, stages):
             seen.append((request.lighting, request.angles_deg, request.caching))
