@@ -88,14 +88,16 @@ def _by_contrast(
     bound = luminance(skylight.without_excess(parts, start, directions))
     above = directions[:, 1] > 0.0
     unseen = np.where(above, parts.unseen.mean(axis=1), 0.0)
-    found = contrast.brightness_of(patches, directions, bound, parts.clipped.mean(axis=1), unseen)
     texels = projections.texel_directions(HEIGHT, WIDTH).reshape(-1, 3)
-    parts = skylight.SkyParts.looked_up(sky, texels)
-    image = skylight.without_excess(parts, start, texels)
-    region = parts.clipped + (parts.unseen * (texels[:, 1:2] > 0.0) if found.beyond else 0.0)
-    image += region * found.excess * np.exp(texels @ found.lean)[:, None]
-    image = image.reshape(HEIGHT, WIDTH, 3)
-    if found.sun is not None:
-        lamp = sun.Sun(found.sun, contrast.SUN_WIDTH_DEG, np.zeros(0), np.full(3, found.irradiance))
-        image += sun.image_of(lamp, HEIGHT, WIDTH)
-    return Environment(image.astype(np.float32), "estimated"), found.sun is not None
+    looked_up = skylight.SkyParts.looked_up(sky, texels)
+    image = skylight.without_excess(looked_up, start, texels)
+    image, sunny = image.reshape(HEIGHT, WIDTH, 3), 0.0
+    for share, found in contrast.brightness_of(patches, directions, bound, parts.clipped.mean(axis=1), unseen):
+        region = looked_up.clipped + (looked_up.unseen * (texels[:, 1:2] > 0.0) if found.beyond else 0.0)
+        more = region * found.excess * np.exp(texels @ found.lean)[:, None]
+        image += share * more.reshape(HEIGHT, WIDTH, 3)
+        if found.sun is not None:
+            lamp = sun.Sun(found.sun, contrast.SUN_WIDTH_DEG, np.zeros(0), np.full(3, found.irradiance))
+            image += share * sun.image_of(lamp, HEIGHT, WIDTH)
+            sunny += share
+    return Environment(image.astype(np.float32), "estimated"), sunny > 0.5

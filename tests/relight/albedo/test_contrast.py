@@ -136,11 +136,31 @@ def test_light_comes_from_where_nothing_was_seen_if_that_explains_more(beyond):
     log_captured = np.log(0.23 * np.maximum(transfer @ (project.T @ light), 1e-3)) + noise
     ones, none = np.ones(len(transfer)), np.zeros(len(transfer))
     patches = ColorPatches(log_captured, transfer, none, none.astype(int), ones)
-    found = contrast.brightness_of(patches, directions, bound, clipped, high.astype(float))
-    assert found.beyond == beyond and found.sun is None
+    (share, found), *_ = contrast.brightness_of(patches, directions, bound, clipped, high.astype(float))
+    assert share > 0.9 and found.beyond == beyond and found.sun is None
     region = clipped + (high if beyond else 0.0)
     estimated = bound + region * found.excess * np.exp(directions @ found.lean)
     assert 0.7 < estimated.mean() / light.mean() < 1.4
+
+
+@pytest.mark.parametrize(("sun", "least", "most"), [(0.0, 0.0, 0.0), (3.5, 0.1, 0.9), (8.0, 1.0, 1.0)])
+def test_lights_share_by_how_likely_they_are(sun, least, most):
+    """A clipped sky with a sun in it, which takes all of the light where it is strong and a share where it is faint."""
+    directions, toward = fibonacci_sphere(1024), np.array([0.5, 0.7, 0.5]) / np.sqrt(0.99)
+    above, low = (directions[:, 1] > 0.0).astype(float), np.where(directions[:, 1] > 0.0, 1.0, 0.1)
+    normals = fibonacci_sphere(1200)
+    transfer = analytic(normals.astype(np.float32), 8).astype(np.float64)
+    project = harmonics.evaluate(directions, 8) * (4.0 * np.pi / len(directions))
+    received = transfer @ (project.T @ low) + sun * np.maximum(normals @ toward, 0.0) / np.pi
+    ones, none = np.ones(len(transfer)), np.zeros(len(transfer))
+    off = np.random.default_rng(1).normal(0.0, 0.4, len(transfer))
+    patches = ColorPatches(np.log(0.23 * received) + off, transfer, none, none.astype(int), ones)
+    found = contrast.brightness_of(patches, directions, low, above, none[: len(directions)])
+    shares = [share for share, _ in found]
+    assert sum(shares) == pytest.approx(1.0) and shares == sorted(shares, reverse=True)
+    by_sun = sum(share for share, light in found if light.sun is not None)
+    assert all(light.sun @ toward > np.cos(np.radians(15.0)) for _, light in found if light.sun is not None)
+    assert least <= by_sun <= most
 
 
 def test_too_few_patches_show_nothing(place):
