@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Floats
 
-from ..transfer.first_bounce import gathered_and_met
+from ..transfer.first_bounce import first_bounce
 from . import costs
 
 if TYPE_CHECKING:
@@ -65,10 +65,11 @@ def bounce_errors(
     rows = sample.rows
     tint = np.broadcast_to(albedo, radiance.shape)[rows]
     found, light = radiance[rows] - tint * direct[rows], sample.weights * np.square(radiance[rows]).sum(axis=1)
-    sets = [gathered_and_met(sample.occluder, radiance, RAYS, rows, seed + 1 + number) for number in range(2)]
-    met = np.maximum(sets[0][1] + sets[1][1], 1.0 / RAYS)[:, None] / 2.0  # of both: else the scale leans with the light
+    shares = np.zeros((2, len(rows)), np.float32)
+    sets = [first_bounce(sample.occluder, radiance, RAYS, rows, seed + 1 + k, met=shares[k]) for k in range(2)]
+    met = np.maximum(shares.sum(axis=0), 1.0 / RAYS)[:, None] / 2.0  # of both: else the scale leans with the light
     whole, noise = list[Floats](), list[Floats]()
-    for gathered, share in sets:
+    for gathered, share in zip(sets, shares, strict=True):
         whole.append((found - tint * gathered).astype(np.float64))
         noise.append((found * share[:, None] - tint * gathered * hidden[rows, None]) / met.astype(np.float64))
     wholes, noises = (sample.weights * (one * other).sum(axis=1) for one, other in (whole, noise))

@@ -25,6 +25,7 @@ def first_bounce(
     rows: NDArray[np.int64] | slice = slice(None),
     seed: int = 0,
     advance: Advance = lambda count: None,
+    met: NDArray[np.float32] | None = None,
 ) -> NDArray[np.float32]:
     """Return what white vertices send on of the light that other surfaces send to them, (N, 3) float32.
 
@@ -42,33 +43,23 @@ def first_bounce(
         Of the directions.
     advance : callable
         Called with the number of vertices done.
+    met : ndarray, (N,) float32, optional
+        Takes the share of the rays of each vertex that met anything.
     """
-    return gathered_and_met(occluder, sent, rays, rows, seed, advance)[0]
-
-
-def gathered_and_met(
-    occluder: Occluder,
-    sent: NDArray[np.float32],
-    rays: int,
-    rows: NDArray[np.int64] | slice = slice(None),
-    seed: int = 0,
-    advance: Advance = lambda count: None,
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """The same, and the share of the rays that met anything, (N,) float32."""
     azimuths = sampling.fibonacci_azimuths(check_rays(rays))
     origins, normals = occluder.origins[rows], occluder.normals[rows]
     gathered, batch = np.zeros((len(origins), 3), np.float32), batch_of(rays)
-    shares = np.zeros(len(origins), np.float32)
     shot = np.zeros((min(batch, len(origins)), rays, 6), np.float32)
     for start in range(0, len(origins), batch):
         part = slice(start, start + batch)
         some = shot[: len(origins[part])]
         sampling.shoot(origins[part], normals[part], azimuths, seed, some)
-        met = occluder.first_hits(some)[1:]
-        shares[part] = (met[0] >= 0).mean(axis=1)
-        in_slices(_gather, len(some), some, *met, occluder.faces, occluder.normals, sent, gathered[part])
+        hits = occluder.first_hits(some)[1:]
+        if met is not None:
+            met[part] = (hits[0] >= 0).mean(axis=1)
+        in_slices(_gather, len(some), some, *hits, occluder.faces, occluder.normals, sent, gathered[part])
         advance(len(some))
-    return gathered, shares
+    return gathered
 
 
 @kernel
