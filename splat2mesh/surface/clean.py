@@ -1,6 +1,6 @@
 """From a raw surface to a clean triangle mesh of a wanted size: components, holes, decimation, ragged borders."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -21,21 +21,31 @@ def drop_small_components(mesh: Any) -> int:
     return int(small.sum())
 
 
-def fill_holes(points: Points, faces: Faces, longest: float, fixed: Mask | None = None) -> tuple[Points, Faces, int]:
+def fill_holes(
+    points: Points,
+    faces: Faces,
+    longest: float,
+    fixed: Mask | None = None,
+    are_open: Callable[[list[Points]], Mask] | None = None,
+) -> tuple[Points, Faces, int]:
     """Close the holes whose border is at most `longest` long: points and faces with those added, and their number.
-    Those at `fixed` vertices, (V,) bool, stay open.
+    Those at `fixed` vertices, (V,) bool, stay open, and those that `are_open` says are none, by their borders (C, 3).
 
     Each is closed by a fan around the middle of its border: pinholes and slits where views disagreed vanish, while
     what was never seen stays open. Where a border touches itself, its loops are holes of their own.
     """
     new_points: list[Points] = []
     new_faces: list[tuple[int, int, int]] = []
+    loops = []
     for loop in _border_loops(faces, len(points)):
         corners = points[loop]
         if len(loop) < 3 or np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).sum() > longest:
             continue
-        if fixed is not None and fixed[loop].any():
-            continue
+        if fixed is None or not fixed[loop].any():
+            loops.append(loop)
+    left = are_open([points[loop] for loop in loops]) if are_open is not None else np.zeros(len(loops), bool)
+    for loop in (loop for loop, stays in zip(loops, left, strict=True) if not stays):
+        corners = points[loop]
         middle = len(points) + len(new_points)
         new_points.append(corners.mean(axis=0))
         new_faces += [(after, before, middle) for before, after in zip(loop, [*loop[1:], loop[0]], strict=True)]

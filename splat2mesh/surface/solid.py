@@ -17,6 +17,7 @@ from .color import vertex_colors, vertex_thickness
 from .decimate import decimate
 from .extract import Effort, Trained, extract
 from .fair import fair
+from .openings import openings
 from .refine import refine_by_color
 
 BACKGROUND_SHARE = 0.15
@@ -78,7 +79,10 @@ def _reconstruct(
         used, renumbered = np.unique(trim_borders(faces, np.isfinite(thickness)), return_inverse=True)
         points, faces = points[used], renumbered.reshape(-1, 3).astype(np.int32)
         longest = LONGEST_HOLE * float(np.linalg.norm(np.ptp(bounds_of(splats), axis=0)))
-        points, faces, filled = fill_holes(points, faces, longest)
+        radius = float(np.linalg.norm(np.ptp(points, axis=0))) / 2 if len(points) else 0.0
+        points, faces, filled = fill_holes(
+            points, faces, longest, are_open=lambda borders: openings(borders, pictures, radius)
+        )
         statistics["holes_filled"] += filled
         thickness = np.append(thickness[used], np.full(filled, np.inf))
         if len(faces):

@@ -1,0 +1,49 @@
+"""Holes of a mesh that are openings of the thing itself: views look through them and see nothing behind."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..base.arrays import Mask, Points
+from .color import DEPTH_TOLERANCE, RenderedPicture
+
+SMALLEST = 10.0
+"""Border of the smallest opening, in depth tolerances: about 16 pixels of a view. Smaller holes are pinholes."""
+
+SPOKES = 8
+"""Corners of a border, about, half way to which a hole is probed, beside its middle."""
+
+
+def openings(borders: Sequence[Points], pictures: Sequence[RenderedPicture], radius: float) -> Mask:
+    """Which holes are openings, (N,) bool: more than half of each one's probes are empty in at least two pictures, and
+    in more of them than show a surface there.
+
+    borders: the corners (C, 3) of each hole in order, in the frame of the views. radius: of the mesh, same unit. A
+    picture that shows something farther away says nothing: that may be the far side of a closed thing.
+    """
+    tolerance, found = DEPTH_TOLERANCE * radius, np.zeros(len(borders), bool)
+    lengths = np.array([np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).sum() for corners in borders])
+    large = np.flatnonzero(lengths > SMALLEST * tolerance)
+    if not len(large) or not len(pictures):
+        return found
+    probes = [_probes(borders[hole]) for hole in large]
+    places, owner = np.concatenate(probes), np.repeat(np.arange(len(large)), [len(each) for each in probes])
+    empty, there = np.zeros(len(places), np.int64), np.zeros(len(places), np.int64)
+    for picture in pictures:
+        view = picture.view
+        pixels, depth = view.project(places)
+        inside = (depth > 0) & (pixels >= 0).all(axis=1) & (pixels < [view.width, view.height]).all(axis=1)
+        shown = np.flatnonzero(inside)
+        columns, rows = pixels[shown].astype(np.intp).T
+        seen = picture.depth[rows, columns]
+        empty[shown] += np.isnan(seen)
+        there[shown] += np.abs(seen - depth[shown]) < tolerance
+    through = (empty >= 2) & (empty > there)
+    found[large] = np.bincount(owner, weights=through) > 0.5 * np.bincount(owner)
+    return found
+
+
+def _probes(corners: Points) -> Points:
+    """(P, 3): the middle of a border, and the places half way from there to some of its corners."""
+    middle = corners.mean(axis=0)
+    return np.concatenate([middle[None], 0.5 * (middle + corners[:: max(1, len(corners) // SPOKES)])])
