@@ -1,5 +1,6 @@
 """Light of the Gaussians of a mirror world below a floor: that of the surfaces which the floor mirrors, and its own."""
 
+from collections.abc import Callable
 from copy import copy
 
 import numpy as np
@@ -21,11 +22,26 @@ LEAST_SHARE = 0.05
 
 _DARKEST = 1e-4  # linear
 
+Mix = Callable[[Floats, Floats, Floats], Floats]
+"""Values (M, C) of reflections: of those at the mirrored places, of those on the floor, and of the floor's own part of
+each colour, (M, 3)."""
+
+
+def by_color(mirrored: Floats, floor: Floats, own: Floats) -> Floats:
+    """Colours (M, 3): the floor's own part from the floor, the rest from what it mirrors."""
+    return mirrored + own * (floor - mirrored)
+
+
+def as_mirrored(mirrored: Floats, floor: Floats, own: Floats) -> Floats:
+    """Values (M, C) at the mirrored places alone."""
+    return mirrored
+
 
 class MirroredPlaces:
     """Attachment of M Gaussians of a mirror world to the surfaces above the floor.
 
-    rows: (M,) of the splats. own: (M, 3) float32, the part of each colour that the floor itself sends.
+    rows: (M,) of the splats. means: (M, 3) float32, their mirrored places. own: (M, 3) float32, the part of each colour
+    that the floor itself sends.
     """
 
     def __init__(
@@ -51,7 +67,8 @@ class MirroredPlaces:
         some, back = splats.take(rows), np.linalg.inv(matrix)
         means = some.means.astype(np.float64)
         depth = offset - means @ normal
-        self._mirrored = Places(self._above.surface, _mirrored(some, normal, depth))
+        above = _mirrored(some, normal, depth)
+        self.means, self._mirrored = above.means, Places(self._above.surface, above)
         seen = _seen_at(means, depth, standing(scene) @ back[:3, :3].T + back[:3, 3], normal, offset)
         gap = np.linalg.norm(self._floor.surface.caster.closest(seen.astype(np.float32)).points - seen, axis=1)
         self._covered = np.flatnonzero(gap < margin)
@@ -63,12 +80,15 @@ class MirroredPlaces:
         """Log gain (M, 3) float32 of the Gaussians, of that of the surface's nodes: the floor's own part follows the
         floor, the rest what it mirrors. nearest: (M, 3) log gain of the surface nearest to each, for its own part where
         the mesh has no floor: it shows the light that falls through there."""
+        mirrored, own = (np.exp(CURVE_POWER * logs) for logs in self.pair(of_nodes, nearest))
+        return np.asarray(np.log(by_color(mirrored, own, self.own)) / CURVE_POWER, np.float32)
+
+    def pair(self, of_nodes: Floats, nearest: Floats) -> tuple[Floats, Floats]:
+        """Values (M, C) at the mirrored places and on the floor, of those of the surface's nodes and of those of the
+        surface nearest to each Gaussian (M, C), which stand in where the mesh has no floor."""
         floor = nearest.copy()
         floor[self._covered] = self._standing.interpolate(of_nodes[self._floor.nodes])
-        mirrored, own = (
-            np.exp(CURVE_POWER * logs) for logs in (self._mirrored.interpolate(of_nodes[self._above.nodes]), floor)
-        )
-        return np.asarray(np.log(mirrored + self.own * (own - mirrored)) / CURVE_POWER, np.float32)
+        return self._mirrored.interpolate(of_nodes[self._above.nodes]), floor
 
     def reached(self, count: int) -> Mask:
         """Which of the surface's nodes, so many, any of the Gaussians takes light from: (count,) bool."""
