@@ -13,8 +13,8 @@ from splat2mesh.base.arrays import Floats
 
 from ..light.environment import Environment
 from ..light.skies import BUILTIN
-from ..splats.mirrored_places import Mix
 from ..sh import harmonics
+from ..splats.mirrored_places import Mix
 from .compression import Compressed, principal
 from .harmonics import turned
 from .lights import light_of
@@ -42,7 +42,6 @@ class Basis(NamedTuple):
         """The response of the mean and the directions to lights (T, COEFFICIENTS, 3): (T, 3) and (D, T, 3) float32."""
         vectors = np.asarray(vectors, np.float32)
         return np.einsum("kc,tkc->tc", self.mean, vectors), np.einsum("dkc,tkc->dtc", self.directions, vectors)
-
 
     def by_color(self, moment: NDArray[np.float64]) -> Mix:
         """The mix of rows (M, D) whose colours have parts of their own, for directions that are orthonormal by a

@@ -84,10 +84,13 @@ class Results:
         self._on_sheet: list[tuple[str, NDArray[np.uint8]]] = []
         self._texture: Any = None
         self._own_texture: Any = None  # False where the scene has none
+        self._mirror, self._mirrored = written.mirror, None  # type: Any, Any
 
     def write(self, folder: Path, shaded: "Shaded") -> tuple[list[str], dict[str, Any]]:
         """Fill an existing folder: (names of the files, further entries of the report)."""
-        light, exposure, radiance = shaded.light, shaded.exposure, shaded.shading.radiance
+        light, exposure = shaded.light, shaded.exposure
+        mesh = self._with_reflections(shaded) if {"glb", "ply", "npy"} & {*self._kinds} else shaded
+        radiance = mesh.shading.radiance
         pictured = "png" in self._kinds or "splat" in self._kinds  # what is written as a splat is shown too
         kinds = {*self._kinds, "png"} if pictured else self._kinds
         names = [FILES[kind] for kind in FILES if kind in kinds and kind not in APART]
@@ -97,7 +100,7 @@ class Results:
             if "glb" in self._kinds:
                 extras = {"environment": light.name, "angle_deg": light.rotation_deg}
                 placed = self._lamps(light, exposure)
-                facts["clipped_vertices"] = self._write_glb(folder / FILES["glb"], shaded, extras, placed)
+                facts["clipped_vertices"] = self._write_glb(folder / FILES["glb"], mesh, extras, placed)
             if "ply" in self._kinds:
                 mesh_files.write_ply(folder / FILES["ply"], self._scene, radiance, exposure)
             if "npy" in self._kinds:
@@ -136,6 +139,22 @@ class Results:
             shown = "splat" if relit is not None else "mesh" if self._texture is None else "texture"
             facts["preview"] = {"shows": shown, "camera": self._picture.camera}
         return names, facts
+
+    def _with_reflections(self, shaded: "Shaded") -> "Shaded":
+        """The same, with what the mesh has of a mirror world below a floor lit as the splats there are."""
+        look, shading = self._appearance, shaded.shading
+        if not self._scene.is_place or look.capture is None or (look.kept and shading.received is None):
+            return shaded
+        mirror = self._mirror()
+        if mirror is None:
+            return shaded
+        if self._mirrored is None:
+            from ..splats.mirrored_mesh import MirroredMesh
+
+            self._mirrored = MirroredMesh(self._scene, mirror, self._bound())
+        received = self._relit.received(shading)
+        radiance = self._mirrored.lit(shading.radiance, look.irradiance, received, shaded.exposure)
+        return shaded._replace(shading=shading._replace(radiance=radiance))
 
     def _write_glb(self, path: Path, shaded: "Shaded", extras: dict[str, Any], placed: PlacedLamps) -> int:
         """relit.glb, in its texture where the scene has one; the number of vertices that are clipped."""
