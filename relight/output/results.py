@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from splat2mesh.scene.drawn import Drawn
 from splat2mesh.splats.splats import Splats
 
+from ..engine.appearance import LEAST_ALBEDO
 from ..light.captured import CapturedLight
 from . import mesh_files
 from .around_files import AroundFiles
@@ -89,7 +90,7 @@ class Results:
     def write(self, folder: Path, shaded: "Shaded") -> tuple[list[str], dict[str, Any]]:
         """Fill an existing folder: (names of the files, further entries of the report)."""
         light, exposure = shaded.light, shaded.exposure
-        mesh = self._with_reflections(shaded) if {"glb", "ply", "npy"} & {*self._kinds} else shaded
+        mesh = self._with_reflections(shaded) if self._baked or {"glb", "ply", "npy"} & {*self._kinds} else shaded
         radiance = mesh.shading.radiance
         pictured = "png" in self._kinds or "splat" in self._kinds  # what is written as a splat is shown too
         kinds = {*self._kinds, "png"} if pictured else self._kinds
@@ -114,7 +115,7 @@ class Results:
         if shaded.inserted is not None:
             names += self._write_inserted(folder, relit, shaded)
         if self._baked:
-            names += self._write_textures(folder, shaded, facts)
+            names += self._write_textures(folder, mesh, facts)
         if self._engines is not None:
             names += self._engines.write(folder, light, exposure, relit, self._bound, shaded.backdrop)
         if self._around is not None and relit is not None:
@@ -152,9 +153,12 @@ class Results:
             from ..splats.mirrored_mesh import MirroredMesh
 
             self._mirrored = MirroredMesh(self._scene, mirror, self._bound())
-        received = self._relit.received(shading)
+        received = np.array(self._relit.received(shading))
         radiance = self._mirrored.lit(shading.radiance, look.irradiance, received, shaded.exposure)
-        return shaded._replace(shading=shading._replace(radiance=radiance))
+        rows = self._mirrored.rows
+        albedo = look.captured if look.albedo is None else look.albedo
+        received[rows] = radiance[rows] / np.maximum(albedo[rows], np.float32(LEAST_ALBEDO))  # what textures show
+        return shaded._replace(shading=shading._replace(radiance=radiance, received=received))
 
     def _write_glb(self, path: Path, shaded: "Shaded", extras: dict[str, Any], placed: PlacedLamps) -> int:
         """relit.glb, in its texture where the scene has one; the number of vertices that are clipped."""

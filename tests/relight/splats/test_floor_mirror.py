@@ -13,11 +13,13 @@ from relight.live.live import LiveScene, live_of
 from relight.live.response import COEFFICIENTS, light_vector
 from relight.live.surface import LIT, from_octahedral
 from relight.splats import Binding, shown_as_sky
+from relight.splats.closed_floor import closed_floor
 from relight.splats.floor_mirror import FloorMirror, floor_mirror
 from relight.splats.mirrored_mesh import MirroredMesh
 from relight.splats.mirrored_places import by_color
 from relight.transfer.settings import Settings
 from relight.transfer.store import Cache
+from splat2mesh.render.raycaster import RayCaster
 from splat2mesh.scene.color import linear_from_srgb, srgb_from_linear
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene
@@ -341,3 +343,21 @@ def shown_change(live):
     table[:, 0] += colors[0]
     chosen = table[live.transfer[:, :2].copy().view("<u2")[:, 0]]
     return chosen[:, 0] + np.einsum("nw,nwx->nx", live.transfer[:, 2:].view(np.int8).astype(float), chosen[:, 1:])
+
+
+def test_what_collides_finds_a_floor_and_no_image(mirrored):
+    _, splats, found = mirrored
+    flip = np.array([1.0, -1.0, 1.0])
+    standing = [*walls(), floor(True)]
+    images = [(p * flip, n * flip, OWN + DIM * c, f[:, ::-1]) for p, n, c, f in standing[:-1]]
+    scene = scene_of([*standing, *images])
+    binding = Binding(splats, scene, views=()).mirroring(found, scene)
+    vertices, faces = closed_floor(scene, found, binding)
+    assert vertices[:, 1].min() > -found.margin
+    caster = RayCaster(vertices.astype(np.float32), faces)
+    x, z = np.meshgrid(np.linspace(-2.2, 2.2, 30), np.linspace(-1.7, 1.7, 30))
+    start = np.stack([x.ravel(), np.full(x.size, 0.3), z.ravel()], axis=1)
+    hits = caster.first_hits(np.hstack([start, np.tile([0.0, -1.0, 0.0], (x.size, 1))]).astype(np.float32))
+    assert (hits.distance < 0.35).mean() > 0.97
+    corners = vertices[faces[hits.faces[hits.faces >= 0]]]
+    assert (np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, 1] > 0.0).all()
