@@ -14,6 +14,7 @@ from splat2mesh.base.arrays import Floats
 from ..light.environment import Environment
 from ..light.skies import BUILTIN
 from ..sh import harmonics
+from ..splats.mirrored_places import Mix
 from .compression import Compressed, principal
 from .harmonics import turned
 from .lights import light_of
@@ -41,6 +42,16 @@ class Basis(NamedTuple):
         """The response of the mean and the directions to lights (T, COEFFICIENTS, 3): (T, 3) and (D, T, 3) float32."""
         vectors = np.asarray(vectors, np.float32)
         return np.einsum("kc,tkc->tc", self.mean, vectors), np.einsum("dkc,tkc->dtc", self.directions, vectors)
+
+    def by_color(self, moment: NDArray[np.float64]) -> Mix:
+        """The mix of rows (M, D) whose colours have parts of their own, for directions that are orthonormal by a
+        moment (COEFFICIENTS, COEFFICIENTS)."""
+        seen = np.einsum("dkc,kl,elc->cde", self.directions, moment, self.directions, optimize=True)
+
+        def mix(mirrored: Floats, floor: Floats, own: Floats) -> Floats:
+            return mirrored + sum(own[:, c, None] * ((floor - mirrored) @ seen[c]) for c in range(3))
+
+        return mix
 
 
 def usual_moment(brightness: float) -> NDArray[np.float64]:

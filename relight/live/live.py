@@ -17,7 +17,9 @@ from splat2mesh.surface.decimate import decimate
 
 from ..light.environment import Environment
 from ..splats.binding import Binding
+from ..splats.closed_floor import closed_floor
 from ..splats.light_ratio import CURVE_OFFSET, CURVE_POWER
+from ..splats.mirrored_places import Mix
 from ..splats.sky import shown_as_sky
 from .basis import Basis, Packed, packed, reduced, usual_moment
 from .compression import Compressed, choices_for, cluster_centers, compress
@@ -35,6 +37,7 @@ if TYPE_CHECKING:
     from ..engine.relighter import Relighter
     from ..engine.relit_room import RelitRoom
     from ..gloss.material import Gloss
+    from ..splats.floor_mirror import FloorMirror
     from ..transfer.settings import Settings
 
 BYTES_TOLERANCE = 0.03
@@ -99,7 +102,7 @@ class LiveScene:
 
     relighter, appearance: of the scene. splats: its source. room: its RelitRoom, or None. sources: light beside the
     environments; each becomes a Term. gloss: its glossy surfaces, or None. assumed: whether environments change the
-    room by an assumption.
+    room by an assumption. mirror: floor of the scene that mirrors in the splats, or None.
     """
 
     relighter: "Relighter"
@@ -109,6 +112,7 @@ class LiveScene:
     sources: Sequence[Source] = ()
     gloss: "Gloss | None" = None
     assumed: bool = False
+    mirror: "FloorMirror | None" = None
 
 
 def live_of(
@@ -135,12 +139,12 @@ def live_of(
         raise InputError("there are no splats to light")
     kinds = np.full(len(splats), LIT, np.uint8)
     order = _spatial_order(splats)
-    binding = Binding(splats, scene, views=(), seed=seed)
+    binding = Binding(splats, scene, views=(), seed=seed).mirroring(shown.mirror, scene)
     kinds[~binding.lit] = UNLIT
     if appearance.kept and not sources and not assumed:
         kinds[:] = UNLIT
     if sky != "keep":
-        kinds[shown_as_sky(splats, scene, appearance)] = SKY
+        kinds[shown_as_sky(splats, scene, appearance, shown.mirror)] = SKY
     shares = (binding.surface.areas / np.bincount(binding.surface.node))[binding.surface.node]
     with relighter.stages.stage("response"):
         known = room if room is not None and appearance.room is not None and not appearance.kept else None
@@ -161,8 +165,9 @@ def live_of(
         even = np.sqrt(4.0 * np.pi) * (response.values[:, 0] + response.values[:, BANDS**2])  # under a constant sky
         even = np.maximum(brightness * even + response.values[:, LAMPS], np.float32(1e-3))
         counts: Floats = shares * _visible_error(even, appearance.captured)
-        rows, basis = reduced(response.values, counts, usual_moment(brightness))
-        rows, counts = _rows_and_counts(binding, rows, even, splats)
+        moment = usual_moment(brightness)
+        rows, basis = reduced(response.values, counts, moment)
+        rows, counts = _rows_and_counts(binding, rows, even, splats, basis.by_color(moment))
         every = slice(None, None, -(-len(rows) // _BATCH))
         truth = np.stack([binding.spread(each)[every] for each in np.moveaxis(truth, 1, 0)], axis=1)
     with relighter.stages.stage("compress"):
@@ -171,7 +176,10 @@ def live_of(
     with relighter.stages.stage("surface"):
         foliage = lit.precomputed.foliage if settings.volume else None
         surface = surfaces(binding, splats.means, scene, response.own, kinds, foliage)
-        vertices, faces = decimate(lit.scene.vertices.astype(np.float64), lit.scene.faces, PROXY_VERTICES)
+        proxy = lit.scene.vertices.astype(np.float64), lit.scene.faces
+        if shown.mirror is not None:
+            proxy = closed_floor(lit.scene, shown.mirror, binding)
+        vertices, faces = decimate(*proxy, PROXY_VERTICES)
     transfer = np.zeros((len(splats), 2 + found.weights.shape[1]), np.uint8)
 
     def of_splats(values: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -224,13 +232,14 @@ def _unchanged(count: int) -> Response:
 
 
 def _rows_and_counts(
-    binding: Binding, rows: NDArray[np.float32], even: NDArray[np.float32], splats: Splats
+    binding: Binding, rows: NDArray[np.float32], even: NDArray[np.float32], splats: Splats, mix: Mix
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Rows (N, D) float32 of the lit splats from those of the vertices, and the visual weight of their errors, (N,).
 
-    even: (V, 3) light ratio under a constant sky.
+    even: (V, 3) light ratio under a constant sky. mix: of rows.
     """
-    rows = np.concatenate([binding.spread(part) for part in np.array_split(rows, 4, axis=1)], axis=1)
+    parts = 4 if binding.mirrored is None else 1  # to save memory; colours of a row are in all of it
+    rows = np.concatenate([binding.spread(part, mix) for part in np.array_split(rows, parts, axis=1)], axis=1)
     lit = splats if binding.lit.all() else splats.take(binding.lit)
     color = np.clip(SH_C0 * lit.sh[:, 0] + 0.5, 0.0, 1.0)
     return rows, _visible_error(binding.spread(even), color, lit.opacities).astype(np.float32)

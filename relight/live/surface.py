@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Directions
 
+from ..splats.mirrored_places import as_mirrored
+
 if TYPE_CHECKING:
     from splat2mesh.scene.scene import Scene
 
@@ -66,13 +68,15 @@ def surfaces(
     foliage: `transfer.volume.Foliage` where leaves and grass are volumes, or None.
     """
     lit = binding.lit
-    normals = binding.spread(scene.normals.astype(np.float32))
+    normals = binding.spread(scene.normals.astype(np.float32), as_mirrored)
     ratio = np.maximum(binding.spread(own), np.float32(1e-12))
     length = np.linalg.norm(normals, axis=1)
     unit = normals / np.maximum(length, 1e-6)[:, None]
     frame = np.asarray(scene.scene_from_splat, np.float64)[:3, :3]
     lift = np.zeros(len(normals), np.float32)
-    places = means[lit]
+    places, mirrored = means[lit], binding.mirrored
+    if mirrored is not None:
+        places[mirrored.rows] = mirrored.means
     for start in range(0, len(places), _BATCH):
         part = slice(start, start + _BATCH)
         gap = binding.surface.caster.closest(places[part]).points - places[part]
@@ -88,9 +92,12 @@ def surfaces(
     rows[:, 4:7] = np.clip(np.rint(np.log2(ratio / middle) * OWN_STEPS) + 128, 0, 255)
     packed[lit] = rows
     packed[:, 7] = kinds
-    if foliage is not None:
+    if foliage is not None or mirrored is not None:
         volume = np.zeros((len(own), 1), np.float32)
-        volume[foliage.rows] = foliage.share
-        steps = np.rint(VOLUME_STEPS * np.clip(binding.spread(volume)[:, 0], 0.0, 1.0)).astype(np.uint8)
-        packed[lit, 7] |= steps << 2
+        if foliage is not None:
+            volume[foliage.rows] = foliage.share
+        share = np.clip(binding.spread(volume, as_mirrored)[:, 0], 0.0, 1.0)
+        if mirrored is not None:
+            share[mirrored.rows] = 1.0  # no map of a sun is of a mirrored place
+        packed[lit, 7] |= np.rint(VOLUME_STEPS * share).astype(np.uint8) << 2
     return Surfaces(packed, step, middle.astype(np.float64))

@@ -44,7 +44,7 @@ class LiveFiles:
         self._relighter, self._appearance, self._splats = written.relighter, written.appearance, written.splats[0]
         self._others = [each for each in others if not isinstance(each, CapturedLight)]  # which has a place of its own
         self._exposure_of, self._tolerance, self._sky, self._seed = exposure_of, tolerance, written.sky, written.seed
-        self._room, self._gloss = room, written.gloss
+        self._room, self._gloss, self._mirror = room, written.gloss, written.mirror
         self._mixture, self._level_of = mixture or Mixture(), level_of
         self._live: dict[bool, Any] = {}
 
@@ -104,6 +104,7 @@ class LiveFiles:
                 self._mixture.sources(self._appearance) if mixes else (),
                 None if self._gloss is None else self._gloss.textured(self._appearance),
                 self._assumed,
+                self._mirror(),
             )
             found = live_of(shown, lights, settings, self._tolerance, self._sky, self._seed)
             found = found._replace(ground=self._ground())

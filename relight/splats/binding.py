@@ -21,7 +21,7 @@ from .attachment import Places, Surface
 from .floor_mirror import FloorMirror
 from .light_ratio import CURVE_POWER, LEAST, Usual, log_gain, relit_sh, without_clipping
 from .looks import Looks
-from .mirrored_places import LEAST_SHARE, MirroredPlaces
+from .mirrored_places import LEAST_SHARE, MirroredPlaces, Mix, by_color
 from .wide import Neighborhoods
 
 VIEWS, PIXELS = 32, 256
@@ -211,9 +211,22 @@ class Binding:
         of_vertices, mean = log_gain(self._captured, before, after, shares, usual)
         return self._wide.shared(self.surface.of_vertices(of_vertices)), mean
 
-    def spread(self, of_vertices: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Values (V, C) float32 of the scene's vertices as values (N, C) of the splats that are lit."""
-        return self.places.interpolate(self._wide.shared(self.surface.of_vertices(of_vertices)))
+    def spread(self, of_vertices: NDArray[np.float32], mix: Mix = by_color) -> NDArray[np.float32]:
+        """Values (V, C) float32 of the scene's vertices as values (N, C) of the splats that are lit.
+
+        mix: what the reflections of a floor make of those at their mirrored places and of those on the floor.
+        """
+        of_nodes = self._wide.shared(self.surface.of_vertices(of_vertices))
+        values = self.places.interpolate(of_nodes)
+        if self._mirrored is not None:
+            rows = self._mirrored.rows
+            values[rows] = mix(*self._mirrored.pair(of_nodes, values[rows]), self._mirrored.own)
+        return values
+
+    @property
+    def mirrored(self) -> MirroredPlaces | None:
+        """Where the reflections of a floor take their light; their rows are of the splats that are lit."""
+        return self._mirrored
 
     def shaded(self, relit: Splats, ratio: Radiance) -> Splats:
         """Splats of this binding with the light of some vertices multiplied once more, at once: without the fit, what

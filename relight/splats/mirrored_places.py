@@ -1,9 +1,11 @@
 """Light of the Gaussians of a mirror world below a floor: that of the surfaces which the floor mirrors, and its own."""
 
+from collections.abc import Callable
 from copy import copy
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from splat2mesh.base.arrays import Floats, Indices, Mask
 from splat2mesh.base.errors import InputError
@@ -19,13 +21,32 @@ from .light_ratio import CURVE_POWER
 LEAST_SHARE = 0.05
 """Part of a pixel that the mirror world gives, from which the pixel does not show the light of the mesh."""
 
+CELL, MOST_EYES = 3.0, 24
+"""Side of a cell of the floor that has a gap or none, in margins (.15 of the size of a place), and how many eyes look
+for gaps."""
+
 _DARKEST = 1e-4  # linear
+
+Mix = Callable[[Floats, Floats, Floats], Floats]
+"""Values (M, C) of reflections: of those at the mirrored places, of those on the floor, and of the floor's own part of
+each colour, (M, 3)."""
+
+
+def by_color(mirrored: Floats, floor: Floats, own: Floats) -> Floats:
+    """Colours (M, 3): the floor's own part from the floor, the rest from what it mirrors."""
+    return mirrored + own * (floor - mirrored)
+
+
+def as_mirrored(mirrored: Floats, floor: Floats, own: Floats) -> Floats:
+    """Values (M, C) at the mirrored places alone."""
+    return mirrored
 
 
 class MirroredPlaces:
     """Attachment of M Gaussians of a mirror world to the surfaces above the floor.
 
-    rows: (M,) of the splats. own: (M, 3) float32, the part of each colour that the floor itself sends.
+    rows: (M,) of the splats. means: (M, 3) float32, their mirrored places. own: (M, 3) float32, the part of each colour
+    that the floor itself sends. plane: normal and offset of the floor, frame of the splats.
     """
 
     def __init__(
@@ -51,10 +72,13 @@ class MirroredPlaces:
         some, back = splats.take(rows), np.linalg.inv(matrix)
         means = some.means.astype(np.float64)
         depth = offset - means @ normal
-        self._mirrored = Places(self._above.surface, _mirrored(some, normal, depth))
-        seen = _seen_at(means, depth, standing(scene) @ back[:3, :3].T + back[:3, 3], normal, offset)
+        above = _mirrored(some, normal, depth)
+        self.means, self._mirrored = above.means, Places(self._above.surface, above)
+        eyes = standing(scene) @ back[:3, :3].T + back[:3, 3]
+        seen = _seen_at(means, depth, eyes, normal, offset)
         gap = np.linalg.norm(self._floor.surface.caster.closest(seen.astype(np.float32)).points - seen, axis=1)
         self._covered = np.flatnonzero(gap < margin)
+        self.plane, self._margin, self._eyes, self._means = (normal, offset), margin, eyes, means
         self._standing = Places(self._floor.surface, _moved(some, seen).take(self._covered))
         color = linear_from_srgb(np.clip(np.float32(0.5) + np.float32(SH_C0) * some.sh[:, 0], 0.0, 1.0))
         self.own = np.clip(mirror.own / np.maximum(color, _DARKEST), 0.0, 1.0).astype(np.float32)
@@ -63,12 +87,33 @@ class MirroredPlaces:
         """Log gain (M, 3) float32 of the Gaussians, of that of the surface's nodes: the floor's own part follows the
         floor, the rest what it mirrors. nearest: (M, 3) log gain of the surface nearest to each, for its own part where
         the mesh has no floor: it shows the light that falls through there."""
+        mirrored, own = (np.exp(CURVE_POWER * logs) for logs in self.pair(of_nodes, nearest))
+        return np.asarray(np.log(by_color(mirrored, own, self.own)) / CURVE_POWER, np.float32)
+
+    def pair(self, of_nodes: Floats, nearest: Floats) -> tuple[Floats, Floats]:
+        """Values (M, C) at the mirrored places and on the floor, of those of the surface's nodes and of those of the
+        surface nearest to each Gaussian (M, C), which stand in where the mesh has no floor."""
         floor = nearest.copy()
         floor[self._covered] = self._standing.interpolate(of_nodes[self._floor.nodes])
-        mirrored, own = (
-            np.exp(CURVE_POWER * logs) for logs in (self._mirrored.interpolate(of_nodes[self._above.nodes]), floor)
-        )
-        return np.asarray(np.log(mirrored + self.own * (own - mirrored)) / CURVE_POWER, np.float32)
+        return self._mirrored.interpolate(of_nodes[self._above.nodes]), floor
+
+    def gaps(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Cells (G, 2) of the floor where eyes see reflections and the mesh has no floor, and the two steps (2, 3) from
+        a cell to the next, frame of the splats: cell i is the square from i @ steps + offset normal on."""
+        normal, offset = self.plane
+        first = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
+        first /= np.linalg.norm(first)
+        steps = CELL * self._margin * np.stack([first, np.cross(normal, first)])
+        cells = np.zeros((0, 2), np.int64)
+        depth = offset - self._means @ normal
+        for eye in self._eyes[:: -(-len(self._eyes) // MOST_EYES)]:
+            if eye @ normal > offset:
+                seen = _seen_at(self._means, depth, eye[None], normal, offset)
+                found = np.floor(seen @ np.linalg.pinv(steps)).astype(np.int64)
+                cells = np.unique(np.concatenate([cells, found]), axis=0)
+        middles = (cells + 0.5) @ steps + offset * normal
+        near = self._floor.surface.caster.closest(middles.astype(np.float32)).points
+        return cells[np.linalg.norm(near - middles, axis=1) > 0.5 * CELL * self._margin], steps
 
     def reached(self, count: int) -> Mask:
         """Which of the surface's nodes, so many, any of the Gaussians takes light from: (count,) bool."""
@@ -116,6 +161,6 @@ def _seen_at(
     offset: float,
 ) -> NDArray[np.float64]:
     """Where on the floor the nearest eye sees each of means (M, 3), that far below it: (M, 3)."""
-    nearest = eyes[np.linalg.norm(means[:, None] - eyes, axis=2).argmin(axis=1)]
+    nearest = eyes[cKDTree(eyes).query(means)[1]]
     high = nearest @ normal - offset
     return np.asarray(means + (depth / np.maximum(depth + high, 1e-12))[:, None] * (nearest - means))

@@ -4,15 +4,28 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from relight import Environment
 from relight.api import RelightPlan
+from relight.engine.appearance import appearance_of
+from relight.engine.relighter import Relighter
+from relight.live.basis import reduced, usual_moment
+from relight.live.live import LiveScene, live_of
+from relight.live.response import COEFFICIENTS, light_vector
+from relight.live.surface import LIT, from_octahedral
 from relight.splats import Binding, shown_as_sky
+from relight.splats.closed_floor import closed_floor
 from relight.splats.floor_mirror import FloorMirror, floor_mirror
+from relight.splats.mirrored_mesh import MirroredMesh
+from relight.splats.mirrored_places import by_color
+from relight.transfer.settings import Settings
 from relight.transfer.store import Cache
+from splat2mesh.render.raycaster import RayCaster
 from splat2mesh.scene.color import linear_from_srgb, srgb_from_linear
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.splats import SH_C0, Splats
 
+SETTINGS = Settings("raytraced", 10, 48, bounce_rays=0)
 HIGH, WIDE, DEEP = 2.6, 5.0, 4.0
 OWN, DIM = np.array([0.02, 0.05, 0.01]), 0.3
 EYES = [[x, y, z] for x in (-1.5, 0.2, 1.4) for y in (1.0, 1.5) for z in (-1.2, 0.9)]
@@ -258,3 +271,93 @@ def test_a_kept_answer_that_is_broken_counts_as_none(mirrored, tmp_path):
     np.savez(path, **broken)
     again = floor_mirror(splats, scene, cache=cache)
     assert isinstance(again, FloorMirror) and np.isfinite(again.offset)
+
+
+def test_the_mesh_shows_a_reflection_as_the_splats_do(mirrored):
+    _, splats, found = mirrored
+    flip = np.array([1.0, -1.0, 1.0])
+    standing = [*walls(), floor(True)]
+    images = [(p * flip, n * flip, OWN + DIM * c, f[:, ::-1]) for p, n, c, f in standing[:-1]]
+    scene = scene_of([*standing, *images])
+    binding = Binding(splats, scene, views=()).mirroring(found, scene)
+    mesh = MirroredMesh(scene, found, binding)
+    low = np.flatnonzero(scene.vertices[:, 1] < -found.margin)
+    np.testing.assert_array_equal(mesh.rows, low)
+    before = np.ones((len(scene.vertices), 3), np.float32)
+    lamp = np.where(scene.vertices[:, :1] > WIDE / 2 - 0.01, 0.25, 1.0) * before
+    lamp[low] = 1.0  # as if they were things
+    radiance = scene.colors_linear * lamp
+    lit = mesh.lit(radiance, before, lamp, 1.0)
+    np.testing.assert_array_equal(np.delete(lit, low, axis=0), np.delete(radiance, low, axis=0))
+    height, wall = scene.vertices[:, 1], np.abs(scene.vertices[:, 0]) > WIDE / 2 - 0.01
+    rows = np.flatnonzero(wall & (height < -0.3) & (height > 0.3 - HIGH) & (np.abs(scene.vertices[:, 2]) < 1.5))
+    ratio = lit[rows] / scene.colors_linear[rows]
+    own = np.clip(found.own / scene.colors_linear[rows], 0.0, 1.0)
+    right = scene.vertices[rows, 0] > 0.0
+    np.testing.assert_allclose(ratio[right], (0.25 + 0.75 * own)[right], atol=0.05)
+    np.testing.assert_allclose(ratio[~right], 1.0, atol=0.05)
+
+
+def test_live_rows_mix_the_colors_of_both_parts():
+    rng = np.random.default_rng(0)
+    moment = usual_moment(1.0)
+    patterns = rng.normal(size=(10, COEFFICIENTS))  # 30 directions with their colours, of 48
+    values = np.einsum("vpc,pk->vkc", rng.normal(size=(60, 10, 3)), patterns).astype(np.float32)
+    rows, basis = reduced(values, np.ones(60), moment)
+    own = rng.uniform(size=(20, 3)).astype(np.float32)
+    mixed = basis.by_color(moment)(rows[:20], rows[20:40], own)
+    vectors = rng.normal(size=(4, COEFFICIENTS, 3)) * np.sqrt(np.diag(moment))[:, None]
+    base, small = basis.colors(vectors)
+    shown = base + np.einsum("nd,dtc->ntc", rows, small)
+    found = base + np.einsum("nd,dtc->ntc", mixed, small)
+    expected = by_color(shown[:20], shown[20:40], own[:, None])
+    np.testing.assert_allclose(found, expected, atol=0.01 * np.abs(expected).max())
+
+
+def test_the_bundle_lights_the_mirror_world_by_what_it_mirrors(mirrored):
+    scene, splats, found = mirrored
+    found = found._replace(own=np.zeros(3))
+    relighter = Relighter(scene)
+    look = appearance_of("captured", None, relighter)
+    lights = [(Environment.load("sunset"), 0.7)]
+    live = live_of(LiveScene(relighter, look, splats, mirror=found), lights, SETTINGS)
+    rows = np.argsort(live.order)  # in the order of the source
+    packed, change = live.surfaces.packed[rows], shown_change(live)[rows]
+    assert (packed[found.rows, 7] == (LIT | 63 << 2)).all()
+    assert (np.delete(packed[:, 7], found.rows) == LIT).all()
+    wall = np.flatnonzero((np.abs(splats.means[:, 0] - WIDE / 2) < 0.01) & (np.abs(splats.means[:, 2]) < 1.5))
+    height = splats.means[wall, 1]
+    low, real = wall[(height < -0.4) & (height > 0.4 - HIGH)], wall[(height > 0.4) & (height < HIGH - 0.4)]
+    for each in (low, real):  # the image has the normal of the wall, which faces outwards here
+        assert from_octahedral(packed[each, :2].view(np.int8))[:, 0].mean() > 0.95
+    np.testing.assert_allclose(change[low].mean(axis=0), change[real].mean(axis=0), rtol=0.1)
+
+
+def shown_change(live):
+    """(N, 3) change of light of the rows of a bundle in its first light, without suns."""
+    light, basis = live.lights[0], live.basis
+    vector = light_vector(light.exposure * light.rest, light.exposure * light.whole, light.lamps)
+    colors = np.einsum("dkx,kx->dx", basis.directions * basis.direction_scales[:, None, None], vector)
+    parts = np.concatenate([basis.means[:, None], basis.components], axis=1) * basis.scales[:, :, None]
+    table = np.einsum("cwd,dx->cwx", parts, colors[1:])
+    table[:, 0] += colors[0]
+    chosen = table[live.transfer[:, :2].copy().view("<u2")[:, 0]]
+    return chosen[:, 0] + np.einsum("nw,nwx->nx", live.transfer[:, 2:].view(np.int8).astype(float), chosen[:, 1:])
+
+
+def test_what_collides_finds_a_floor_and_no_image(mirrored):
+    _, splats, found = mirrored
+    flip = np.array([1.0, -1.0, 1.0])
+    standing = [*walls(), floor(True)]
+    images = [(p * flip, n * flip, OWN + DIM * c, f[:, ::-1]) for p, n, c, f in standing[:-1]]
+    scene = scene_of([*standing, *images])
+    binding = Binding(splats, scene, views=()).mirroring(found, scene)
+    vertices, faces = closed_floor(scene, found, binding)
+    assert vertices[:, 1].min() > -found.margin
+    caster = RayCaster(vertices.astype(np.float32), faces)
+    x, z = np.meshgrid(np.linspace(-2.2, 2.2, 30), np.linspace(-1.7, 1.7, 30))
+    start = np.stack([x.ravel(), np.full(x.size, 0.3), z.ravel()], axis=1)
+    hits = caster.first_hits(np.hstack([start, np.tile([0.0, -1.0, 0.0], (x.size, 1))]).astype(np.float32))
+    assert (hits.distance < 0.35).mean() > 0.97
+    corners = vertices[faces[hits.faces[hits.faces >= 0]]]
+    assert (np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, 1] > 0.0).all()
