@@ -23,7 +23,7 @@ from splat2mesh.base.errors import InputError
 from splat2mesh.base.progress import Advance
 from splat2mesh.base.threads import in_order, in_slices, read_only
 
-from .bounce_blend import FIELDS, BounceBlend, RingMeans, known_lights
+from .bounce_blend import BounceBlend, known_lights
 from .bounce_places import BouncePlaces, batch_of
 from .bounce_rows import gather, gather_rgb, unpack
 from .checks import check_shape, checked_albedo
@@ -178,12 +178,11 @@ class Interreflection:
         self._blend = None if self._neighbors is None else self._blend_over(self._neighbors)
 
     def _blend_over(self, neighbors: Neighbors) -> BounceBlend:
-        rings = RingMeans.of(neighbors, self.hits, self._fronts, self.hidden)
         lights = known_lights(1.0 - self.hidden, self._normals)
         if self.receivers is not None:
             self.receivers.filled(lights)
         met = self._gathered(np.hstack([lights, lights**2]), self._per_hit)
-        return BounceBlend(rings, met[:, :FIELDS], met[:, FIELDS:], self.rays)
+        return BounceBlend(neighbors, self.hits, self._fronts, self.hidden, met, self.rays)
 
     @property
     def _per_hit(self) -> NDArray[np.float32]:

@@ -188,8 +188,9 @@ def welded(scene: "Scene") -> Welded:
 
 def face_areas(points: Points, faces: Integers) -> NDArray[np.float64]:
     """Areas of faces (F, 3), (F,) float64, in the squared unit of the points (V, 3)."""
-    a, b, c = (points[faces[:, corner]].astype(np.float64) for corner in range(3))
-    return np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+    areas = np.empty(len(faces), np.float64)
+    _areas(read_only(points, np.float64), read_only(faces, np.int64), areas)
+    return areas
 
 
 def _nearest_texel(texels: Indices, size: int) -> NDArray[np.int32]:
@@ -201,6 +202,16 @@ def _nearest_texel(texels: Indices, size: int) -> NDArray[np.int32]:
     empty = (index < 0).reshape(size, size)
     rows, columns = distance_transform_edt(empty, return_distances=False, return_indices=True)
     return index.reshape(size, size)[rows, columns].ravel()
+
+
+@kernel
+def _areas(points: NDArray[np.float64], faces: NDArray[np.int64], areas: NDArray[np.float64]) -> None:
+    for f in range(len(faces)):
+        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+        ux, uy, uz = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1], points[b, 2] - points[a, 2]
+        vx, vy, vz = points[c, 0] - points[a, 0], points[c, 1] - points[a, 1], points[c, 2] - points[a, 2]
+        x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        areas[f] = np.sqrt(x * x + y * y + z * z) / 2
 
 
 @kernel
@@ -234,6 +245,8 @@ def _draw(
                 first: float = 1.0 - second - third
                 distance = 0.0
                 if first < 0.0 or second < 0.0 or third < 0.0:
+                    if best[row, column] == 0.0:  # it lies in another face
+                        continue
                     distance = np.inf
                     for side in range(3):
                         if side == 0:
