@@ -99,7 +99,8 @@ class Blending(NamedTuple):
         for first, last in zip(self.tiles[:-1], self.tiles[1:], strict=True):
             begin, end = self.runs[first], self.runs[last]
             seen = np.zeros((end - begin, values.shape[1]), np.float32)
-            _gather(last - first, first, self.runs, self.items, self.counts, self.pixels, self.shares, values, seen)
+            lists = self.runs, self.items, self.counts, self.pixels, self.shares
+            (_gather_rgb if values.shape[1] == 3 else _gather)(last - first, first, *lists, values, seen)
             _add(self.splats[begin:end], seen, sums)
 
 
@@ -187,6 +188,36 @@ def _gather(
                     total[c] += share * values[base + pixels[i], c]
             for c in range(width):
                 seen[run - runs[first], c] = total[c] * unit
+            at += counts[run]
+
+
+@shared
+@kernel
+def _gather_rgb(
+    begin: int,
+    end: int,
+    first: int,
+    runs: NDArray[np.int64],
+    items: NDArray[np.int64],
+    counts: NDArray[np.uint16],
+    pixels: NDArray[np.uint8],
+    shares: NDArray[np.uint16],
+    values: NDArray[np.float32],
+    seen: NDArray[np.float32],
+) -> None:
+    """The same of values (P, 3)."""
+    unit = ONE / UNIT
+    for tile in range(first + begin, first + end):
+        at, base = items[tile], tile * AREA
+        for run in range(runs[tile], runs[tile + 1]):
+            red, green, blue = ZERO, ZERO, ZERO
+            for i in range(at, at + counts[run]):
+                p, share = base + pixels[i], np.float32(shares[i])
+                red += share * values[p, 0]
+                green += share * values[p, 1]
+                blue += share * values[p, 2]
+            row = run - runs[first]
+            seen[row, 0], seen[row, 1], seen[row, 2] = red * unit, green * unit, blue * unit
             at += counts[run]
 
 

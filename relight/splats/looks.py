@@ -134,15 +134,18 @@ class Looks(NamedTuple):
             wanted[rows] *= np.expm1(np.einsum("nk,nkc->nc", weights, of_nodes[self.corners[rows]]))
 
         in_batches(gain, len(wanted), _BATCH)
-        error = np.zeros((len(self.blending.runs) * 256 - 256, 4), np.float32)
-        error[self.known, 3] = 1.0
+        pixels, count = AREA * (len(self.blending.runs) - 1), len(relit)
+        error, seen = np.zeros((pixels, 3), np.float32), np.zeros((count, 1), np.float32)
+        known = np.zeros((pixels, 1), np.float32)
+        known[self.known] = 1.0
+        self.blending.spread(known, seen)
         moved = np.zeros_like(relit)
         for _ in range(rounds):
             change = self.blending.drawn(_shown_colors(relit + moved) - shown)
-            error[self.known, :3] = wanted - change[self.known]
-            sums = np.zeros((len(relit), 4), np.float32)
+            error[self.known] = wanted - change[self.known]
+            sums = np.zeros((count, 3), np.float32)
             self.blending.spread(error, sums)
-            moved += sums[:, :3] / (sums[:, 3:] + CAUTION) / SH_C0
+            moved += sums / (seen + CAUTION) / SH_C0
         return moved
 
 

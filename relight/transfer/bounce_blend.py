@@ -6,10 +6,14 @@ a sky in each of six directions as surfaces reflect it. There the difference of 
 the noise that the spread of the single rays predicts. So the average is linear in the light, and one for all lights.
 """
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Mask
+from splat2mesh.base.errors import InputError
 from splat2mesh.base.kernels import kernel
 from splat2mesh.base.threads import in_slices
 
@@ -29,7 +33,7 @@ class BounceBlend:
 
     A ring is averaged each neighbour by its rays that met something and by how alike both are: where surfaces hide as
     much from them, the smaller share over the larger, squared. A node that meets more backs than fronts is inside a
-    body: it neither gives nor takes.
+    body: it neither gives nor takes. share: (N,) float64, how much each takes from its ring.
     """
 
     def __init__(
@@ -38,28 +42,40 @@ class BounceBlend:
         hits: NDArray[np.int32],  # (V,) how many rays met something
         fronts: NDArray[np.int32],  # (V,) how many of these the front of a face
         hidden: NDArray[np.float32],  # (V,) fraction of the cosine lobe
-        known: NDArray[np.float32],  # (V, 2 FIELDS) what those that met something met of known lights, and of squares
+        known: Callable[[], NDArray[np.float32]],  # (V, 2 FIELDS) what rays met of known lights, and of their squares
         rays: int,  # from each vertex
+        share: NDArray[np.float64] | None = None,  # of another of the same
     ) -> None:
+        """Measure the share, (N,), that each node takes from its ring. Raises InputError for one that does not fit."""
         rows = self._vertices = neighbors.vertices
         self._node, self._starts, self._columns = neighbors.node, neighbors.starts, neighbors.columns
         met, outside = hits[rows].astype(np.float64), 2 * fronts[rows] >= hits[rows]
         self._weights, alike = np.empty(len(self._columns)), np.empty(len(rows))
         ring = self._starts, self._columns, neighbors.weights
         in_slices(_weigh, len(rows), *ring, met, outside, hidden[rows].astype(np.float64), self._weights, alike)
-        own = known[rows, :FIELDS].astype(np.float64)
-        spread = np.maximum(known[rows, FIELDS:] - own**2, 0.0).sum(axis=1) / np.maximum(met, 1.0)
+        if share is not None:
+            self.share = _checked(share, len(rows))
+            return
+        mean = known()[rows]
+        own = mean[:, :FIELDS].astype(np.float64)
+        spread = np.maximum(mean[:, FIELDS:] - own**2, 0.0).sum(axis=1) / np.maximum(met, 1.0)
         noise = spread * (STRATIFIED[0] / rays) ** STRATIFIED[1]
-        self._share, off = np.empty(len(rows)), np.empty(len(rows))
+        self.share, off = np.empty(len(rows)), np.empty(len(rows))
         in_slices(_apart, len(rows), *ring[:2], self._weights, own, off)
-        in_slices(_shares, len(rows), *ring, self._weights, off, noise, alike, self._share)
+        in_slices(_shares, len(rows), *ring, self._weights, off, noise, alike, self.share)
 
     def __call__(self, mean: NDArray[np.float32]) -> NDArray[np.float32]:
         """(V, C) float32 of means (V, C) over what rays met: each vertex's own and, for its share, that of its ring."""
         own = mean[self._vertices].astype(np.float64)
         blended = np.empty(own.shape, np.float32)
-        in_slices(_blend, len(own), self._starts, self._columns, self._weights, self._share, own, blended)
+        in_slices(_blend, len(own), self._starts, self._columns, self._weights, self.share, own, blended)
         return blended[self._node]
+
+
+def _checked(share: NDArray[Any], count: int) -> NDArray[np.float64]:
+    if share.shape != (count,) or share.dtype != np.float64 or not (np.abs(share - 0.5) <= 0.5).all():
+        raise InputError("kept shares of rings are of another kind")
+    return share
 
 
 def known_lights(visible: NDArray[np.floating], normals: NDArray[np.float32]) -> NDArray[np.float32]:
