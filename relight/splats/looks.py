@@ -17,6 +17,7 @@ from .attachment import Surface
 from .blend_lists import in_tiles
 from .blending import Blending, blending_of
 from .light_ratio import CURVE_OFFSET
+from .packed_pixels import packed, unpacked
 
 DEPTH_TOLERANCE = 0.03
 """Largest distance, in diagonals, between mesh and splats in a view; beyond it, the pixel does not show the mesh's
@@ -71,32 +72,33 @@ class Looks(NamedTuple):
         return cls(blending, np.flatnonzero(known), corners, uv, eyes)
 
     @classmethod
-    def restored(cls, arrays: Mapping[str, NDArray[Any]], splats: int, nodes: int) -> "Looks":
-        """Restore from `arrays`, for a number of splats and nodes. Raises InputError or KeyError for arrays that do not
-        fit."""
-        blending = Blending(*(arrays[name] for name in Blending._fields)).checked(splats)
-        known, corners, uv, eyes = (arrays[name] for name in ("known", "corners", "uv", "eyes"))
+    def restored(cls, arrays: Mapping[str, NDArray[Any]], splats: int, surface: Surface) -> "Looks":
+        """Restore from `arrays`, for a number of splats and a Surface. Raises InputError or KeyError for arrays that do
+        not fit."""
+        counts, inside = unpacked(arrays["rows"], arrays["masks"])
+        lists = {name: arrays[name] for name in Blending._fields if name in arrays}
+        blending = Blending(**lists | {"counts": counts, "pixels": inside}).checked(splats)
+        faces, uv, eyes = (arrays[name] for name in ("faces", "uv", "eyes"))
+        known = np.flatnonzero(np.unpackbits(arrays["known"], count=AREA * (len(blending.runs) - 1)))
         if eyes.shape != (len(blending.tiles) - 1, 3) or not np.isfinite(eyes).all():
             raise InputError("kept pictures were taken from elsewhere")
-        kinds = known.dtype == np.int64 and corners.dtype == np.int32 and uv.dtype == np.float32
-        if not kinds or known.ndim != 1 or corners.shape != (len(known), 3) or uv.shape != (len(known), 2):
+        kinds = faces.dtype == np.int32 and uv.dtype == np.float32
+        if not kinds or faces.shape != known.shape or uv.shape != (len(known), 2):
             raise InputError("kept pictures are of another kind")
-        pixels = 256 * (len(blending.runs) - 1)
-        inside = known.min(initial=0) >= 0 and known.max(initial=-1) < pixels
-        if not (inside and corners.min(initial=0) >= 0 and corners.max(initial=-1) < nodes):
+        if not (faces.min(initial=0) >= 0 and faces.max(initial=-1) < len(surface.faces)):
             raise InputError("kept pictures show another mesh")
         if not np.isfinite(uv).all():
             raise InputError("kept pictures are not finite")
-        return cls(blending, known, corners, uv, eyes)
+        return cls(blending, known, surface.faces[faces], uv, eyes)
 
-    def arrays(self) -> dict[str, NDArray[Any]]:
-        """Dict of the arrays that `restored` takes."""
-        return self.blending._asdict() | {
-            "known": self.known,
-            "corners": self.corners,
-            "uv": self.uv,
-            "eyes": self.eyes,
-        }
+    def arrays(self, surface: Surface) -> dict[str, NDArray[Any]]:
+        """Dict of the arrays that `restored` takes; surface: that they were taken of."""
+        lists = self.blending._asdict()
+        rows, masks = packed(lists.pop("counts"), lists.pop("pixels"))
+        known = np.zeros(AREA * (len(self.blending.runs) - 1), bool)
+        known[self.known] = True
+        arrays = {"rows": rows, "masks": masks, "known": np.packbits(known), "faces": surface.numbers_of(self.corners)}
+        return lists | arrays | {"uv": self.uv, "eyes": self.eyes}
 
     def joined(self, other: "Looks") -> "Looks":
         """These pictures and, after them, others of the same Gaussians and the same mesh."""
