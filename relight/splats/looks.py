@@ -33,6 +33,9 @@ MIN_ALPHA = 0.5
 CAUTION = 0.5
 """Pixels added to those that a Gaussian's correction is a mean of: who is hardly seen is hardly corrected."""
 
+UV_PARTS = np.float32(65535)
+"""Weights of corners are whole parts of it: next to the noise of a mesh that is nothing."""
+
 _BATCH = 1 << 18
 """Pixels."""
 
@@ -69,7 +72,7 @@ class Looks(NamedTuple):
         known = np.concatenate([in_tiles(each[0]) for each in found])
         corners, uv = (np.concatenate([in_tiles(each[i]) for each in found])[known] for i in (1, 2))
         eyes = np.array([view.center for view in views], np.float64).reshape(-1, 3)
-        return cls(blending, np.flatnonzero(known), corners, uv, eyes)
+        return cls(blending, np.flatnonzero(known), corners, np.rint(uv * UV_PARTS) / UV_PARTS, eyes)
 
     @classmethod
     def restored(cls, arrays: Mapping[str, NDArray[Any]], splats: int, surface: Surface) -> "Looks":
@@ -82,14 +85,12 @@ class Looks(NamedTuple):
         known = np.flatnonzero(np.unpackbits(arrays["known"], count=AREA * (len(blending.runs) - 1)))
         if eyes.shape != (len(blending.tiles) - 1, 3) or not np.isfinite(eyes).all():
             raise InputError("kept pictures were taken from elsewhere")
-        kinds = faces.dtype == np.int32 and uv.dtype == np.float32
+        kinds = faces.dtype == np.int32 and uv.dtype == np.uint16
         if not kinds or faces.shape != known.shape or uv.shape != (len(known), 2):
             raise InputError("kept pictures are of another kind")
         if not (faces.min(initial=0) >= 0 and faces.max(initial=-1) < len(surface.faces)):
             raise InputError("kept pictures show another mesh")
-        if not np.isfinite(uv).all():
-            raise InputError("kept pictures are not finite")
-        return cls(blending, known, surface.faces[faces], uv, eyes)
+        return cls(blending, known, surface.faces[faces], uv.astype(np.float32) / UV_PARTS, eyes)
 
     def arrays(self, surface: Surface) -> dict[str, NDArray[Any]]:
         """Dict of the arrays that `restored` takes; surface: that they were taken of."""
@@ -98,7 +99,7 @@ class Looks(NamedTuple):
         known = np.zeros(AREA * (len(self.blending.runs) - 1), bool)
         known[self.known] = True
         arrays = {"rows": rows, "masks": masks, "known": np.packbits(known), "faces": surface.numbers_of(self.corners)}
-        return lists | arrays | {"uv": self.uv, "eyes": self.eyes}
+        return lists | arrays | {"uv": np.rint(self.uv * UV_PARTS).astype(np.uint16), "eyes": self.eyes}
 
     def joined(self, other: "Looks") -> "Looks":
         """These pictures and, after them, others of the same Gaussians and the same mesh."""
