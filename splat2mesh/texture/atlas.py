@@ -90,12 +90,12 @@ def atlas_of(scene: "Scene", mesh: "Welded", uv: Floats, faces: Integers, size: 
     for chunk in scene.chunks:
         rows = slice(first, first + len(chunk.faces))
         first = rows.stop
-        both = np.stack([scene_faces[rows].ravel(), in_scene[rows].ravel()], axis=1)
-        unique, index = np.unique(both, axis=0, return_inverse=True)
+        both = scene_faces[rows].astype(np.int64).ravel() << 32 | in_scene[rows].ravel()
+        unique, index = np.unique(both, return_inverse=True)
         start = chunks[-1].stop if chunks else 0
         chunks.append(range(start, start + len(unique)))
-        vertex.append(unique[:, 0])
-        coordinates.append(uv[unique[:, 1]])
+        vertex.append(unique >> 32)
+        coordinates.append(uv[unique & 0xFFFFFFFF])
         final.append(index.reshape(-1, 3) + start)
     return Atlas(
         np.clip(np.concatenate(coordinates) / np.float32(size), 0.0, 1.0),
@@ -177,8 +177,12 @@ class Welded(NamedTuple):
 def welded(scene: "Scene") -> Welded:
     """The Welded mesh of a scene."""
     content = np.hstack([scene.vertices, scene.normals]).astype(np.float32) + np.float32(0.0)
-    nodes, node = np.unique(content, axis=0, return_inverse=True)
-    corners = node.reshape(-1)[scene.faces]
+    ranked = np.lexsort(content.T[::-1])
+    sorted_rows = content[ranked]
+    new = np.append(True, (sorted_rows[1:] != sorted_rows[:-1]).any(axis=1))[: len(content)]
+    nodes, node = sorted_rows[new], np.empty(len(content), np.int64)
+    node[ranked] = np.cumsum(new) - 1
+    corners = node[scene.faces]
     turn = corners.argmin(axis=1)
     corners = np.take_along_axis(corners, (turn[:, None] + np.arange(3)) % 3, axis=1)
     order = np.lexsort(corners.T[::-1])
@@ -239,14 +243,14 @@ def _draw(
         for row in range(top, bottom + 1):
             y = row + 0.5
             for column in range(left, right + 1):
+                if best[row, column] == 0.0:  # it lies in another face
+                    continue
                 x = column + 0.5
                 second: float = ((x - ax) * (cy - ay) - (y - ay) * (cx - ax)) / area
                 third: float = ((bx - ax) * (y - ay) - (by - ay) * (x - ax)) / area
                 first: float = 1.0 - second - third
                 distance = 0.0
                 if first < 0.0 or second < 0.0 or third < 0.0:
-                    if best[row, column] == 0.0:  # it lies in another face
-                        continue
                     distance = np.inf
                     for side in range(3):
                         if side == 0:
