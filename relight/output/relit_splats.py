@@ -1,5 +1,7 @@
 """Splats relit like the mesh that they are bound to, and their files."""
 
+import json
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -7,16 +9,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.scene.color import luminance
-from splat2mesh.splats.formats import can_hold, kind_of, write_splats
+from splat2mesh.splats.formats import can_hold, kind_of, sog_writing, write_splats
 from splat2mesh.splats.splats import Splats
 
 from ..engine.assumed_light import assumed_change
 from ..light.captured import CapturedLight
+from ..transfer.store import array_key
 from .kinds import FILES
 from .subject import WrittenScene
 
 if TYPE_CHECKING:
     from ..engine.relighter import Shaded, Shading
+
+SHAPES = {"means_l.webp", "means_u.webp", "quats.webp", "scales.webp", sog_writing.SHAPE}
 
 LEAST_LIGHT = 1e-6
 """Mean luminance of an environment below which its sky is black."""
@@ -32,7 +37,7 @@ class RelitSource:
         self._scene, self._stages, self._sky = written.relighter.scene, written.relighter.stages, written.sky
         self._sky_rows: Any = None
         self._far: Any = None
-        self._mirror = written.mirror
+        self._mirror, self._cache = written.mirror, written.relighter.cache
 
     def relit(self, shaded: "Shaded") -> Splats:
         """The splats in the new light, row by row those of the source, in its frame."""
@@ -43,7 +48,7 @@ class RelitSource:
         if self._sky_rows is None:
             mirror, self._far = self._mirror(), self._scene.background_splats
             self._far = self._far if mirror is None else mirror.spared(self._far)
-            self._sky_rows = shown_as_sky(self._splats, self._scene, self._appearance, mirror)
+            self._sky_rows = shown_as_sky(self._splats, self._scene, self._appearance, mirror, self._cache)
         light, shading, exposure, backdrop = shaded[:4]
         inserted = shaded.inserted
         rows, frame = self._sky_rows, self._scene.scene_from_splat
@@ -91,5 +96,25 @@ class RelitSource:
             if kind == "ply" or not can_hold(kind, relit):
                 return []
             name = f"relit_splat.{kind}"
-            write_splats(folder / name, relit, kind)
+            if kind == "sog":
+                sog_writing.write(folder / name, relit, self._shapes)
+            else:
+                write_splats(folder / name, relit, kind)
         return [name]
+
+    def _shapes(self, splats: Splats, make: Callable[[], dict[str, bytes]]) -> dict[str, bytes]:
+        """The images of a SOG that no light changes, kept."""
+        key = array_key(splats.means, splats.scales, splats.quats_wxyz)
+        kept = self._cache.restored(_restored_shapes, "sog", key)
+        if kept is None:
+            kept = make()
+            self._cache.put("sog", key, **{name: np.frombuffer(data, np.uint8) for name, data in kept.items()})
+        return kept
+
+
+def _restored_shapes(arrays: Mapping[str, NDArray[Any]]) -> dict[str, bytes]:
+    """The images as they were kept. Raises ValueError for others."""
+    files = {name: each.tobytes() for name, each in arrays.items() if each.dtype == np.uint8}
+    if set(files) != SHAPES or set(json.loads(files[sog_writing.SHAPE])) != {"means", "scales", "quats"}:
+        raise ValueError("kept images are of another kind")
+    return files

@@ -13,6 +13,7 @@ from ..options import DEFAULT_TOLERANCE, LightingOptions
 from ..transfer import volume
 from ..transfer.occluder import Occluder
 from ..transfer.settings import BOUNCES, VOLUME, Settings
+from ..transfer.store import Cache
 from .choice import ALL_TOLERANCES, SKIPPED, Choice, Leaves
 from .effect_errors import EffectErrors
 from .plan import Plan
@@ -34,7 +35,7 @@ class PlannedScene:
     """A scene as its planning sees it.
 
     occluder: of the whole scene. sizes: (C,) vertices of each chunk. albedo: (V, 3) linear, white without. foliage:
-    where it has one. traced: (V,) bool, the vertices that light is traced for; all without.
+    where it has one. traced: (V,) bool, the vertices that light is traced for; all without. cache: its Cache, or None.
     """
 
     occluder: Occluder
@@ -42,6 +43,7 @@ class PlannedScene:
     albedo: Radiance | None = None
     foliage: volume.Foliage | None = None
     traced: Mask | None = None
+    cache: Cache | None = None
 
 
 def planned(
@@ -59,7 +61,7 @@ def planned(
     tolerance = DEFAULT_TOLERANCE if options.tolerance is None else options.tolerance
     wish = tolerance if budget_s is None else min(ALL_TOLERANCES)
     directions = next(count for least, count in SAMPLE_DIRECTIONS.items() if wish >= least)
-    sample = Sample(scene.occluder, scene.sizes, SAMPLE_VERTICES, directions, scene.traced)
+    sample = Sample(scene.occluder, scene.sizes, SAMPLE_VERTICES, directions, scene.traced, scene.cache)
     albedo, foliage = scene.albedo, scene.foliage
     if albedo is None and effects is not None and BOUNCES in effects:
         albedo = np.ones((int(np.sum(scene.sizes)), 3), np.float32)

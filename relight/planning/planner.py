@@ -120,7 +120,7 @@ class Planner:
 
     def _made(self, environment: "Environment", albedo: NDArray[np.floating] | None, angles: int) -> Plan:
         known = self._precomputed
-        scene = PlannedScene(known.occluder, known.sizes, albedo, known.foliage, known.traced)
+        scene = PlannedScene(known.occluder, known.sizes, albedo, known.foliage, known.traced, known.cache)
         with self._stages.stage("plan"):
             return planned(scene, environment, self._options, angles, known.there())
 

@@ -1,11 +1,14 @@
 """A small sample of a scene's vertices and their visibility, on which plans measure instead of the whole scene."""
 
 import copy
+import platform
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from functools import partial
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from splat2mesh.base.arrays import Floats, Indices, Integers, Mask, Points
 from splat2mesh.base.threads import cores
@@ -13,6 +16,7 @@ from splat2mesh.base.threads import cores
 from ..sh.sphere import fibonacci_sphere
 from ..transfer import consensus, sampling
 from ..transfer.occluder import Occluder
+from ..transfer.store import Cache, array_key
 from ..transfer.volume import Foliage
 
 SCAN_VERTICES, SCAN_RAYS = 4096, 16
@@ -52,17 +56,46 @@ class Sample:
         size: int,  # wanted S
         directions: int,  # D
         traced: Mask | None = None,  # (V,) bool, of which vertices it is a sample: those that light is traced for
+        cache: Cache | None = None,  # of the scene: what no light changes is kept there
     ) -> None:
         self.occluder, self.sizes, self._traced = occluder, np.asarray(sizes), traced
         self.traced_share = 1.0 if traced is None else float(traced.mean())
-        self.rows, self.chunk, self.weights, orders = _stratified(occluder.origins, self.sizes, size, traced)
-        self.normals, self.rays = occluder.normals[self.rows], 0
         self._foliage: Foliage | None = None
-        self._look(directions)
-        self.ray_s = self._timed(orders)
-        self.unsure = self._unsure(orders)
+        cache = Cache() if cache is None else cache
+        key = array_key(self.sizes, traced), size, directions, platform.node(), cores()
+        if not cache.restored(partial(self._restore, directions), "sample", *key):
+            self.rows, self.chunk, self.weights, orders = _stratified(occluder.origins, self.sizes, size, traced)
+            self.normals, self.rays = occluder.normals[self.rows], 0
+            self._look(directions)
+            self.ray_s = self._timed(orders)
+            self.unsure = self._unsure(orders)
+            self.hidden = self._scan()
+            cache.put("sample", *key, **self._arrays())
         self.solid = np.ones(len(self.rows), np.float32)
-        self.hidden = self._scan()
+
+    def _arrays(self) -> dict[str, ArrayLike]:
+        names = "rows", "chunk", "weights", "ray_s", "unsure", "hidden", "rays"
+        return {"dark": np.packbits(self.seen != self.open, axis=1), **{name: getattr(self, name) for name in names}}
+
+    def _restore(self, directions: int, kept: Mapping[str, NDArray[Any]]) -> bool:
+        """Take over what was kept: True. Raises ValueError or KeyError for what does not fit."""
+        rows, chunk, weights, hidden = (kept[name] for name in ("rows", "chunk", "weights", "hidden"))
+        whole = rows.dtype == chunk.dtype == np.int64 and weights.dtype == hidden.dtype == np.float64
+        if not whole or not (rows.shape == chunk.shape == weights.shape) or hidden.shape != self.sizes.shape:
+            raise ValueError("a kept sample is of another kind")
+        beyond = max(rows.max(initial=0) - len(self.occluder.origins), chunk.max(initial=0) - len(self.sizes)) >= 0
+        if min(rows.min(initial=0), chunk.min(initial=0)) < 0 or beyond or not np.isfinite([*weights, *hidden]).all():
+            raise ValueError("a kept sample is of another scene")
+        dark = np.unpackbits(kept["dark"], axis=1, count=directions).astype(bool)
+        self.rows, self.chunk, self.weights, self.hidden = rows, chunk, weights, hidden
+        self.normals = self.occluder.normals[rows]
+        self._face(directions)
+        self.seen = self.open.copy()
+        self.seen[dark] = 0.0  # or an IndexError
+        self.ray_s, self.unsure, self.rays = float(kept["ray_s"]), float(kept["unsure"]), int(kept["rays"])
+        if not (0.0 < self.ray_s < np.inf and 0.0 <= self.unsure <= 1.0):
+            raise ValueError("a kept sample is not finite")
+        return True
 
     def finer(self, times: int) -> "Sample":
         """The same Sample that looks in so many times as many directions; its `rays` are those of this look."""
@@ -95,9 +128,7 @@ class Sample:
 
     def _look(self, directions: int) -> None:
         """Look in D directions, as surfaces hide them."""
-        self.directions = fibonacci_sphere(directions).astype(np.float32)
-        cosine = np.maximum(self.normals @ self.directions.T, np.float32(0.0))
-        self.open = cosine * np.float32(4.0 / directions)
+        cosine = self._face(directions)
         self.seen = self.open.copy()
         per_batch = max(1, BATCH_RAYS // directions)
         for begin in range(0, len(self.rows), per_batch):
@@ -106,6 +137,13 @@ class Sample:
             hidden = self.occluder.occluded(np.concatenate([origins, self.directions[column]], axis=1))
             self.seen[row[hidden] + begin, column[hidden]] = 0.0
             self.rays += len(hidden)
+
+    def _face(self, directions: int) -> NDArray[np.float32]:
+        """Choose D directions, as nothing hides them: their cosines, (S, D)."""
+        self.directions = fibonacci_sphere(directions).astype(np.float32)
+        cosine = np.maximum(self.normals @ self.directions.T, np.float32(0.0))
+        self.open = cosine * np.float32(4.0 / directions)
+        return cosine
 
     def _thicken(self, foliage: Foliage) -> int:
         """Take leaves and grass for volumes; how many marches it took."""

@@ -83,6 +83,17 @@ class Surface:
         result[self.node] = values
         return result
 
+    def numbers_of(self, corners: Faces) -> NDArray[np.int32]:
+        """The numbers (Q,) of faces given by their corners (Q, 3)."""
+        bits = _bits(len(self.points))
+        first, wanted = ((each[:, 0].astype(np.int64) << bits) | each[:, 1] for each in (self.faces, corners))
+        edges = np.unique(first)
+        keys, asked = (
+            (np.searchsorted(edges, edge) << bits) | each[:, 2]
+            for edge, each in ((first, self.faces), (wanted, corners))
+        )
+        return np.searchsorted(keys, asked).astype(np.int32)
+
     @property
     def caster(self) -> RayCaster:
         """The RayCaster of the faces."""
@@ -104,13 +115,17 @@ def _distinct(content: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArra
 
 def _distinct_faces(corners: Integers, nodes: int) -> Faces:
     """The distinct rows, sorted, of corners (F, 3) among so many nodes: (G, 3) int32."""
-    bits = max(int(nodes - 1).bit_length(), 1)
+    bits = _bits(nodes)
     if 3 * bits > 63:
         return np.unique(corners, axis=0).astype(np.int32)
     a, b, c = corners.T.astype(np.int64)
     keys, last = np.sort((a << 2 * bits) | (b << bits) | c), (1 << bits) - 1
     keys = keys[np.append(True, keys[1:] != keys[:-1])[: len(keys)]]
     return np.stack([keys >> 2 * bits, keys >> bits & last, keys & last], axis=1).astype(np.int32)
+
+
+def _bits(nodes: int) -> int:
+    return max(int(nodes - 1).bit_length(), 1)
 
 
 class Places:

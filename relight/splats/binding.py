@@ -108,7 +108,7 @@ class Binding:
         self.places = Places(self.surface, self.shown, kept)
         count = len(self._sketched())
         looks = "known" in kept
-        self._looks = Looks.restored(kept, count, len(self.surface.points)) if looks else None
+        self._looks = Looks.restored(kept, count, self.surface) if looks else None
         self._wide = Neighborhoods(self.surface.points, self._volume, self._asked(), kept["near"])
         self._taken = kept["taken"]
         if self._taken.dtype != bool or self._taken.shape != (len(self.surface.points),):
@@ -119,7 +119,7 @@ class Binding:
         places = self.places
         arrays = {name: getattr(places, name) for name in ("columns", "weights", "far")}
         arrays |= {"near": self._wide.near, "taken": self._taken}
-        return arrays if self._looks is None else arrays | self._looks.arrays()
+        return arrays if self._looks is None else arrays | self._looks.arrays(self.surface)
 
     def _sketched(self) -> Splats:
         """The Splats of the pictures, which are `_drawn`: without what depends on the view, a third of the memory and

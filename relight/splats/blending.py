@@ -15,12 +15,12 @@ from splat2mesh.base.arrays import Mask
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.kernels import kernel
 from splat2mesh.base.threads import shared
-from splat2mesh.render.rasterize import ONE, ZERO
+from splat2mesh.render.rasterize import ZERO
 from splat2mesh.render.screentiles import AREA
 from splat2mesh.render.view import View
 from splat2mesh.splats.splats import Splats
 
-from .blend_lists import UNIT, in_tiles, listed, within
+from .blend_lists import SHARES, in_tiles, listed, within
 
 
 class Blending(NamedTuple):
@@ -29,7 +29,7 @@ class Blending(NamedTuple):
     tiles: (L + 1,) int64, tiles[v] is the first of view v. runs: (T + 1,) int64, the first run of each tile, where a
     run is what one Gaussian gives one tile. items: (T + 1,) int64, the first item of each tile. splats: (R,) int32 and
     counts: (R,) uint16, the Gaussian and the number of items of each run, nearest first. pixels: (I,) uint8 within the
-    tile and shares: (I,) uint16 in parts of UNIT, of each item.
+    tile and shares: (I,) uint8, an index of SHARES, of each item.
     """
 
     tiles: NDArray[np.int64]
@@ -38,7 +38,7 @@ class Blending(NamedTuple):
     splats: NDArray[np.int32]
     counts: NDArray[np.uint16]
     pixels: NDArray[np.uint8]
-    shares: NDArray[np.uint16]
+    shares: NDArray[np.uint8]
 
     def checked(self, count: int) -> "Blending":
         """Itself, where it is one of `count` Gaussians. Raises InputError for what loops cannot trust."""
@@ -99,14 +99,15 @@ class Blending(NamedTuple):
         for first, last in zip(self.tiles[:-1], self.tiles[1:], strict=True):
             begin, end = self.runs[first], self.runs[last]
             seen = np.zeros((end - begin, values.shape[1]), np.float32)
-            _gather(last - first, first, self.runs, self.items, self.counts, self.pixels, self.shares, values, seen)
+            lists = self.runs, self.items, self.counts, self.pixels, self.shares
+            (_gather_rgb if values.shape[1] == 3 else _gather)(last - first, first, *lists, values, seen)
             _add(self.splats[begin:end], seen, sums)
 
 
 Look: TypeAlias = Callable[[int, NDArray[np.float32], NDArray[np.float32]], Mask | None]
 """Takes the number of a view, its alpha (H, W) and its median depth (H, W), camera z."""
 
-_KINDS = ["i8", "i8", "i8", "i4", "u2", "u1", "u2"]
+_KINDS = ["i8", "i8", "i8", "i4", "u2", "u1", "u1"]
 
 
 def blending_of(
@@ -142,18 +143,17 @@ def _draw(
     splats: NDArray[np.int32],
     counts: NDArray[np.uint16],
     pixels: NDArray[np.uint8],
-    shares: NDArray[np.uint16],
+    shares: NDArray[np.uint8],
     colors: NDArray[np.float32],
     picture: NDArray[np.float32],
 ) -> None:
-    unit = ONE / UNIT
     for tile in range(begin, end):
         at, base = items[tile], tile * AREA
         for run in range(runs[tile], runs[tile + 1]):
             k = splats[run]
-            red, green, blue = colors[k, 0] * unit, colors[k, 1] * unit, colors[k, 2] * unit
+            red, green, blue = colors[k, 0], colors[k, 1], colors[k, 2]
             for i in range(at, at + counts[run]):
-                p, share = base + pixels[i], np.float32(shares[i])
+                p, share = base + pixels[i], SHARES[shares[i]]
                 picture[p, 0] += share * red
                 picture[p, 1] += share * green
                 picture[p, 2] += share * blue
@@ -170,23 +170,52 @@ def _gather(
     items: NDArray[np.int64],
     counts: NDArray[np.uint16],
     pixels: NDArray[np.uint8],
-    shares: NDArray[np.uint16],
+    shares: NDArray[np.uint8],
     values: NDArray[np.float32],
     seen: NDArray[np.float32],
 ) -> None:
     """The picture of each run of a view's tiles, (R, C); first is the view's first tile."""
-    unit, width = ONE / UNIT, values.shape[1]
+    width = values.shape[1]
     for tile in range(first + begin, first + end):
         at, base = items[tile], tile * AREA
         total = np.zeros(width, np.float32)
         for run in range(runs[tile], runs[tile + 1]):
             total[:] = ZERO
             for i in range(at, at + counts[run]):
-                share = np.float32(shares[i])
+                share = SHARES[shares[i]]
                 for c in range(width):
                     total[c] += share * values[base + pixels[i], c]
             for c in range(width):
-                seen[run - runs[first], c] = total[c] * unit
+                seen[run - runs[first], c] = total[c]
+            at += counts[run]
+
+
+@shared
+@kernel
+def _gather_rgb(
+    begin: int,
+    end: int,
+    first: int,
+    runs: NDArray[np.int64],
+    items: NDArray[np.int64],
+    counts: NDArray[np.uint16],
+    pixels: NDArray[np.uint8],
+    shares: NDArray[np.uint8],
+    values: NDArray[np.float32],
+    seen: NDArray[np.float32],
+) -> None:
+    """The same of values (P, 3)."""
+    for tile in range(first + begin, first + end):
+        at, base = items[tile], tile * AREA
+        for run in range(runs[tile], runs[tile + 1]):
+            red, green, blue = ZERO, ZERO, ZERO
+            for i in range(at, at + counts[run]):
+                p, share = base + pixels[i], SHARES[shares[i]]
+                red += share * values[p, 0]
+                green += share * values[p, 1]
+                blue += share * values[p, 2]
+            row = run - runs[first]
+            seen[row, 0], seen[row, 1], seen[row, 2] = red, green, blue
             at += counts[run]
 
 

@@ -102,12 +102,24 @@ def placed(splats: Splats, scene: Scene) -> NDArray[np.float64]:
 def floor_mirror(splats: Splats, scene: Scene, seed: int = 0, cache: Cache | None = None) -> FloorMirror | None:
     """The FloorMirror of a Scene made of these Splats, every row of the source; None where nothing shows one for sure.
 
-    An object has none, nor has a place whose eyes are not above a large level surface. cache: of the scene,
-    for what pictures show; where little is below the floor no picture is taken.
+    An object has none, nor has a place whose eyes are not above a large level surface. cache: of the scene.
+    Where little is below the floor no picture is taken.
     """
     eyes = standing(scene)
     if not len(eyes) or not len(scene.faces):
         return None
+    matrix = np.asarray(scene.scene_from_splat, np.float64)
+    key = array_key(splats.means, splats.opacities, splats.sh[:, 0], scene.colors_srgb, eyes, matrix), seed
+    kept = None if cache is None else cache.restored(partial(_restored, len(splats)), "floor_mirror", *key)
+    if kept is None:
+        kept = [_found(splats, scene, eyes, seed)]
+        if cache is not None:
+            cache.put("floor_mirror", *key, **({} if kept[0] is None else kept[0]._asdict()))
+    return kept[0]
+
+
+def _found(splats: Splats, scene: Scene, eyes: Points, seed: int) -> FloorMirror | None:
+    """The same without a cache, of a Scene that eyes stand in."""
     size = float(np.median(cKDTree(eyes).query(scene.vertices)[0]))
     shown = sound(splats)
     points = np.where(shown[:, None], placed(splats, scene), 0.0)
@@ -118,20 +130,12 @@ def floor_mirror(splats: Splats, scene: Scene, seed: int = 0, cache: Cache | Non
         deep = np.flatnonzero(solid & (points @ normal - offset < -DEEP * size))
         if len(deep) >= max(LEAST_COUNT, LEAST_PART * len(splats)):
             floors.append((normal, offset, deep))
-    if not floors:
-        return None
-    key = array_key(splats.means, splats.opacities, splats.sh[:, 0], scene.colors_srgb), seed
-    kept = None if cache is None else cache.restored(partial(_restored, len(splats)), "floor_mirror", *key)
-    if kept is None:
-        kept = [None]
-        for normal, offset, deep in floors:
-            if kept[0] is None:
-                below = np.flatnonzero(shown & (points @ normal - offset < -BENEATH * size))
-                room = _room(scene, normal, offset, eyes, size)
-                kept = [_proven(splats, points, below, _some(deep, seed), room)]
-        if cache is not None:
-            cache.put("floor_mirror", *key, **({} if kept[0] is None else kept[0]._asdict()))
-    return kept[0]
+    for normal, offset, deep in floors:
+        below = np.flatnonzero(shown & (points @ normal - offset < -BENEATH * size))
+        found = _proven(splats, points, below, _some(deep, seed), _room(scene, normal, offset, eyes, size))
+        if found is not None:
+            return found
+    return None
 
 
 def _room(scene: Scene, normal: NDArray[np.float64], offset: float, eyes: Points, size: float) -> MirroredRoom:

@@ -17,6 +17,7 @@ from .attachment import Surface
 from .blend_lists import in_tiles
 from .blending import Blending, blending_of
 from .light_ratio import CURVE_OFFSET
+from .packed_pixels import packed, unpacked
 
 DEPTH_TOLERANCE = 0.03
 """Largest distance, in diagonals, between mesh and splats in a view; beyond it, the pixel does not show the mesh's
@@ -31,6 +32,9 @@ MIN_ALPHA = 0.5
 
 CAUTION = 0.5
 """Pixels added to those that a Gaussian's correction is a mean of: who is hardly seen is hardly corrected."""
+
+UV_PARTS = np.float32(65535)
+"""Weights of corners are whole parts of it: next to the noise of a mesh that is nothing."""
 
 _BATCH = 1 << 18
 """Pixels."""
@@ -68,35 +72,34 @@ class Looks(NamedTuple):
         known = np.concatenate([in_tiles(each[0]) for each in found])
         corners, uv = (np.concatenate([in_tiles(each[i]) for each in found])[known] for i in (1, 2))
         eyes = np.array([view.center for view in views], np.float64).reshape(-1, 3)
-        return cls(blending, np.flatnonzero(known), corners, uv, eyes)
+        return cls(blending, np.flatnonzero(known), corners, np.rint(uv * UV_PARTS) / UV_PARTS, eyes)
 
     @classmethod
-    def restored(cls, arrays: Mapping[str, NDArray[Any]], splats: int, nodes: int) -> "Looks":
-        """Restore from `arrays`, for a number of splats and nodes. Raises InputError or KeyError for arrays that do not
-        fit."""
-        blending = Blending(*(arrays[name] for name in Blending._fields)).checked(splats)
-        known, corners, uv, eyes = (arrays[name] for name in ("known", "corners", "uv", "eyes"))
+    def restored(cls, arrays: Mapping[str, NDArray[Any]], splats: int, surface: Surface) -> "Looks":
+        """Restore from `arrays`, for a number of splats and a Surface. Raises InputError or KeyError for arrays that do
+        not fit."""
+        counts, inside = unpacked(arrays["rows"], arrays["masks"])
+        lists = {name: arrays[name] for name in Blending._fields if name in arrays}
+        blending = Blending(**lists | {"counts": counts, "pixels": inside}).checked(splats)
+        faces, uv, eyes = (arrays[name] for name in ("faces", "uv", "eyes"))
+        known = np.flatnonzero(np.unpackbits(arrays["known"], count=AREA * (len(blending.runs) - 1)))
         if eyes.shape != (len(blending.tiles) - 1, 3) or not np.isfinite(eyes).all():
             raise InputError("kept pictures were taken from elsewhere")
-        kinds = known.dtype == np.int64 and corners.dtype == np.int32 and uv.dtype == np.float32
-        if not kinds or known.ndim != 1 or corners.shape != (len(known), 3) or uv.shape != (len(known), 2):
+        kinds = faces.dtype == np.int32 and uv.dtype == np.uint16
+        if not kinds or faces.shape != known.shape or uv.shape != (len(known), 2):
             raise InputError("kept pictures are of another kind")
-        pixels = 256 * (len(blending.runs) - 1)
-        inside = known.min(initial=0) >= 0 and known.max(initial=-1) < pixels
-        if not (inside and corners.min(initial=0) >= 0 and corners.max(initial=-1) < nodes):
+        if not (faces.min(initial=0) >= 0 and faces.max(initial=-1) < len(surface.faces)):
             raise InputError("kept pictures show another mesh")
-        if not np.isfinite(uv).all():
-            raise InputError("kept pictures are not finite")
-        return cls(blending, known, corners, uv, eyes)
+        return cls(blending, known, surface.faces[faces], uv.astype(np.float32) / UV_PARTS, eyes)
 
-    def arrays(self) -> dict[str, NDArray[Any]]:
-        """Dict of the arrays that `restored` takes."""
-        return self.blending._asdict() | {
-            "known": self.known,
-            "corners": self.corners,
-            "uv": self.uv,
-            "eyes": self.eyes,
-        }
+    def arrays(self, surface: Surface) -> dict[str, NDArray[Any]]:
+        """Dict of the arrays that `restored` takes; surface: that they were taken of."""
+        lists = self.blending._asdict()
+        rows, masks = packed(lists.pop("counts"), lists.pop("pixels"))
+        known = np.zeros(AREA * (len(self.blending.runs) - 1), bool)
+        known[self.known] = True
+        arrays = {"rows": rows, "masks": masks, "known": np.packbits(known), "faces": surface.numbers_of(self.corners)}
+        return lists | arrays | {"uv": np.rint(self.uv * UV_PARTS).astype(np.uint16), "eyes": self.eyes}
 
     def joined(self, other: "Looks") -> "Looks":
         """These pictures and, after them, others of the same Gaussians and the same mesh."""
@@ -134,15 +137,18 @@ class Looks(NamedTuple):
             wanted[rows] *= np.expm1(np.einsum("nk,nkc->nc", weights, of_nodes[self.corners[rows]]))
 
         in_batches(gain, len(wanted), _BATCH)
-        error = np.zeros((len(self.blending.runs) * 256 - 256, 4), np.float32)
-        error[self.known, 3] = 1.0
+        pixels, count = AREA * (len(self.blending.runs) - 1), len(relit)
+        error, seen = np.zeros((pixels, 3), np.float32), np.zeros((count, 1), np.float32)
+        known = np.zeros((pixels, 1), np.float32)
+        known[self.known] = 1.0
+        self.blending.spread(known, seen)
         moved = np.zeros_like(relit)
         for _ in range(rounds):
             change = self.blending.drawn(_shown_colors(relit + moved) - shown)
-            error[self.known, :3] = wanted - change[self.known]
-            sums = np.zeros((len(relit), 4), np.float32)
+            error[self.known] = wanted - change[self.known]
+            sums = np.zeros((count, 3), np.float32)
             self.blending.spread(error, sums)
-            moved += sums[:, :3] / (sums[:, 3:] + CAUTION) / SH_C0
+            moved += sums / (seen + CAUTION) / SH_C0
         return moved
 
 

@@ -5,7 +5,8 @@ seen from the middle of the scene, and no longer depends on the view. Lawns, hed
 they are no sky, and take the change of light of the mesh's edge.
 """
 
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,6 +21,7 @@ from splat2mesh.splats.splats import SH_C0, Splats
 from ..albedo.division import weighted_quantile
 from ..light import SKIES
 from ..light.tonemap import tone_map
+from ..transfer.store import Cache, array_key
 from .light_ratio import CURVE_POWER, LEAST, MOST, relit_sh
 
 if TYPE_CHECKING:
@@ -52,7 +54,11 @@ VOTES = 9
 
 
 def shown_as_sky(
-    splats: Splats, scene: Scene, appearance: "Appearance", mirror: "FloorMirror | None" = None
+    splats: Splats,
+    scene: Scene,
+    appearance: "Appearance",
+    mirror: "FloorMirror | None" = None,
+    cache: Cache | None = None,  # of the scene
 ) -> Indices:
     """Rows (M,) of these Splats of a Scene that show the sky: of the far background, and of what hangs in the air
     before it. In the windows of a closed room, and where all stays as captured, all of the background. What lies below
@@ -60,8 +66,28 @@ def shown_as_sky(
     rows = scene.background_splats
     indoors = appearance.room is not None or appearance.kept
     if not indoors and len(rows):
-        rows = sky_rows(splats, rows, scene.scene_from_splat, scene.vertices)
+        rows = _kept_rows(splats, rows, scene, Cache() if cache is None else cache)
     return rows if mirror is None else mirror.spared(rows)
+
+
+def _kept_rows(splats: Splats, rows: Indices, scene: Scene, cache: Cache) -> Indices:
+    """`sky_rows` of a Scene, from its Cache where they are known."""
+    shown = splats.means, splats.scales, splats.opacities, splats.sh[:, 0]
+    key = array_key(*shown, rows, np.asarray(scene.scene_from_splat, np.float64))
+
+    def restored(kept: Mapping[str, NDArray[Any]]) -> Indices:
+        found = kept["rows"]
+        if found.dtype != rows.dtype or found.ndim != 1 or not len(found):
+            raise InputError("kept rows of the sky are of another kind")
+        if found.min() < 0 or found.max() >= len(splats):
+            raise InputError("kept rows of the sky are of other splats")
+        return found
+
+    found = cache.restored(restored, "sky", key)
+    if found is None:
+        found = sky_rows(splats, rows, scene.scene_from_splat, scene.vertices)
+        cache.put("sky", key, rows=found)
+    return found
 
 
 def sky_rows(

@@ -6,11 +6,16 @@ a sky in each of six directions as surfaces reflect it. There the difference of 
 the noise that the spread of the single rays predicts. So the average is linear in the light, and one for all lights.
 """
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array, diags_array
+
+from splat2mesh.base.arrays import Mask
+from splat2mesh.base.errors import InputError
+from splat2mesh.base.kernels import kernel
+from splat2mesh.base.threads import in_slices
 
 from .neighbors import Neighbors
 
@@ -23,83 +28,153 @@ LEAST_VARIANCE, LEAST_HIDDEN = 1e-20, 1e-6
 FIELDS = 6
 
 
-class RingMeans(NamedTuple):
-    """The nodes of a scene and their rings.
+class BounceBlend:
+    """The linear average of what the rays of vertices met in the mean, over the N nodes of a scene and their rings.
 
-    vertices: (N,) that stand for nodes. node: (V,) of each vertex. mean: (N, N) sparse rows that average the ring about
-    a node, each neighbour by its rays that met something and by how alike both are; rows of zeros where none counts.
-    squares: the same with squared weights. smooth: the same of a node and its ring, whatever they met. alike: (N,) how
-    alike the ring is, in [0, 1]. met: (N,) how many rays of each met something, at least 1.
+    A ring is averaged each neighbour by its rays that met something and by how alike both are: where surfaces hide as
+    much from them, the smaller share over the larger, squared. A node that meets more backs than fronts is inside a
+    body: it neither gives nor takes. share: (N,) float64, how much each takes from its ring.
     """
 
-    vertices: NDArray[np.int64]
-    node: NDArray[np.int64]
-    mean: csr_array
-    squares: csr_array
-    smooth: csr_array
-    alike: NDArray[np.float64]
-    met: NDArray[np.float64]
-
-    @classmethod
-    def of(
-        cls,
+    def __init__(
+        self,
         neighbors: Neighbors,
         hits: NDArray[np.int32],  # (V,) how many rays met something
         fronts: NDArray[np.int32],  # (V,) how many of these the front of a face
         hidden: NDArray[np.float32],  # (V,) fraction of the cosine lobe
-    ) -> "RingMeans":
-        """Nodes are alike where surfaces hide as much from them: the smaller share over the larger, squared.
-
-        A node that meets more backs than fronts is inside a body: it neither gives nor takes.
-        """
-        vertices, columns = neighbors.vertices, neighbors.columns
-        count, met, own = len(vertices), hits[vertices].astype(np.float64), hidden[vertices].astype(np.float64)
-        row = np.repeat(np.arange(count), np.diff(neighbors.starts))
-        most = np.maximum(np.maximum(own[row], own[columns]), LEAST_HIDDEN)
-        likeness = np.square(np.minimum(own[row], own[columns]) / most)
-        outside = 2 * fronts[vertices] >= hits[vertices]
-        counted = neighbors.weights * (outside * met)[columns]
-        mean = csr_array((counted * likeness, columns, neighbors.starts), (count, count))
-        weight = np.asarray(mean.sum(axis=1)).ravel()
-        alike = outside * weight / np.maximum(np.bincount(row, counted, count), LEAST_VARIANCE)
-        smooth = csr_array((neighbors.weights.astype(np.float64), columns, neighbors.starts), (count, count))
-        smooth = smooth + diags_array(np.ones(count)).tocsr()
-        mean, smooth = (
-            diags_array(1.0 / np.maximum(np.asarray(each.sum(axis=1)).ravel(), LEAST_VARIANCE)).tocsr() @ each
-            for each in (mean, smooth)
-        )
-        return cls(vertices, neighbors.node, mean, mean.power(2), smooth, alike, np.maximum(met, 1.0))
-
-
-class BounceBlend:
-    """The linear average of what the rays of vertices met in the mean.
-
-    rings: RingMeans. mean, mean_of_squares: (V, FIELDS), what rays met of the known lights and of their squares, over
-    those that met something. rays: from each vertex.
-    """
-
-    def __init__(
-        self, rings: RingMeans, mean: NDArray[np.float32], mean_of_squares: NDArray[np.float32], rays: int
+        known: Callable[[], NDArray[np.float32]],  # (V, 2 FIELDS) what rays met of known lights, and of their squares
+        rays: int,  # from each vertex
+        share: NDArray[np.float64] | None = None,  # of another of the same
     ) -> None:
-        self._rings = rings
-        own = mean[rings.vertices].astype(np.float64)
-        spread = np.maximum(mean_of_squares[rings.vertices] - own**2, 0.0).sum(axis=1) / rings.met
+        """Measure the share, (N,), that each node takes from its ring. Raises InputError for one that does not fit."""
+        rows = self._vertices = neighbors.vertices
+        self._node, self._starts, self._columns = neighbors.node, neighbors.starts, neighbors.columns
+        met, outside = hits[rows].astype(np.float64), 2 * fronts[rows] >= hits[rows]
+        self._weights, alike = np.empty(len(self._columns)), np.empty(len(rows))
+        ring = self._starts, self._columns, neighbors.weights
+        in_slices(_weigh, len(rows), *ring, met, outside, hidden[rows].astype(np.float64), self._weights, alike)
+        if share is not None:
+            self.share = _checked(share, len(rows))
+            return
+        mean = known()[rows]
+        own = mean[:, :FIELDS].astype(np.float64)
+        spread = np.maximum(mean[:, FIELDS:] - own**2, 0.0).sum(axis=1) / np.maximum(met, 1.0)
         noise = spread * (STRATIFIED[0] / rays) ** STRATIFIED[1]
-        off = np.square(rings.mean @ own - own).sum(axis=1)
-        of_own, of_ring = rings.smooth @ noise, rings.squares @ noise
-        bias = np.maximum(rings.smooth @ off - of_own - of_ring, 0.0)
-        share = of_own / np.maximum(of_own + of_ring + bias, LEAST_VARIANCE)
-        self._share = (rings.alike * share)[:, None]
+        self.share, off = np.empty(len(rows)), np.empty(len(rows))
+        in_slices(_apart, len(rows), *ring[:2], self._weights, own, off)
+        in_slices(_shares, len(rows), *ring, self._weights, off, noise, alike, self.share)
 
     def __call__(self, mean: NDArray[np.float32]) -> NDArray[np.float32]:
         """(V, C) float32 of means (V, C) over what rays met: each vertex's own and, for its share, that of its ring."""
-        rings = self._rings
-        own = mean[rings.vertices].astype(np.float64)
-        own += self._share * (rings.mean @ own - own)
-        return own.astype(np.float32)[rings.node]
+        own = mean[self._vertices].astype(np.float64)
+        blended = np.empty(own.shape, np.float32)
+        in_slices(_blend, len(own), self._starts, self._columns, self._weights, self.share, own, blended)
+        return blended[self._node]
+
+
+def _checked(share: NDArray[Any], count: int) -> NDArray[np.float64]:
+    if share.shape != (count,) or share.dtype != np.float64 or not (np.abs(share - 0.5) <= 0.5).all():
+        raise InputError("kept shares of rings are of another kind")
+    return share
 
 
 def known_lights(visible: NDArray[np.floating], normals: NDArray[np.float32]) -> NDArray[np.float32]:
     """(V, FIELDS) what vertices that see so much of the sky, (V,), reflect of one that is bright on one side."""
     sides = np.concatenate([1.0 + normals, 1.0 - normals], axis=1) / 2.0
     return (np.asarray(visible)[:, None] * sides).astype(np.float32)
+
+
+@kernel
+def _weigh(
+    begin: int,
+    end: int,
+    starts: NDArray[np.int64],
+    columns: NDArray[np.int32],
+    weights: NDArray[np.float32],
+    met: NDArray[np.float64],
+    outside: Mask,
+    hidden: NDArray[np.float64],
+    shares: NDArray[np.float64],
+    alike: NDArray[np.float64],
+) -> None:
+    """The shares of its neighbours in each ring, whose sum is 1, or 0 where none counts, and how alike they are."""
+    for i in range(begin, end):
+        total, counted = 0.0, 0.0
+        for k in range(starts[i], starts[i + 1]):
+            j = columns[k]
+            part = weights[k] * (met[j] if outside[j] else 0.0)
+            most = max(max(hidden[i], hidden[j]), LEAST_HIDDEN)
+            likeness = min(hidden[i], hidden[j]) / most
+            shares[k] = part * (likeness * likeness)
+            total += shares[k]
+            counted += part
+        scale = 1.0 / max(total, LEAST_VARIANCE)
+        for k in range(starts[i], starts[i + 1]):
+            shares[k] *= scale
+        alike[i] = total / max(counted, LEAST_VARIANCE) if outside[i] else 0.0
+
+
+@kernel
+def _apart(
+    begin: int,
+    end: int,
+    starts: NDArray[np.int64],
+    columns: NDArray[np.int32],
+    shares: NDArray[np.float64],
+    own: NDArray[np.float64],
+    off: NDArray[np.float64],
+) -> None:
+    """The squared difference of each node's known lights (N, FIELDS) from those of its ring."""
+    for i in range(begin, end):
+        off[i] = 0.0
+        for c in range(own.shape[1]):
+            ring = 0.0
+            for k in range(starts[i], starts[i + 1]):
+                ring += shares[k] * own[columns[k], c]
+            off[i] += (ring - own[i, c]) * (ring - own[i, c])
+
+
+@kernel
+def _shares(
+    begin: int,
+    end: int,
+    starts: NDArray[np.int64],
+    columns: NDArray[np.int32],
+    weights: NDArray[np.float32],
+    shares: NDArray[np.float64],
+    off: NDArray[np.float64],
+    noise: NDArray[np.float64],
+    alike: NDArray[np.float64],
+    found: NDArray[np.float64],
+) -> None:
+    """How much each node takes from its ring: as far as its difference, in the mean of both, is noise."""
+    for i in range(begin, end):
+        total, of_own, apart, of_ring = 1.0, noise[i], off[i], 0.0
+        for k in range(starts[i], starts[i + 1]):
+            j = columns[k]
+            total += weights[k]
+            of_own += weights[k] * noise[j]
+            apart += weights[k] * off[j]
+            of_ring += shares[k] * shares[k] * noise[j]
+        of_own, apart = of_own / total, apart / total
+        bias = max(apart - of_own - of_ring, 0.0)
+        found[i] = alike[i] * (of_own / max(of_own + of_ring + bias, LEAST_VARIANCE))
+
+
+@kernel
+def _blend(
+    begin: int,
+    end: int,
+    starts: NDArray[np.int64],
+    columns: NDArray[np.int32],
+    shares: NDArray[np.float64],
+    share: NDArray[np.float64],
+    own: NDArray[np.float64],
+    blended: NDArray[np.float32],
+) -> None:
+    for i in range(begin, end):
+        for c in range(own.shape[1]):
+            ring = 0.0
+            for k in range(starts[i], starts[i + 1]):
+                ring += shares[k] * own[columns[k], c]
+            blended[i, c] = own[i, c] + share[i] * (ring - own[i, c])

@@ -148,7 +148,10 @@ def _meet(
 @kernel
 def _look(begin: int, end: int, places: Integers, faces: int, beyond: Mask) -> None:
     """Which places are on no face."""
+    side, most = np.uint64(SIDE), np.uint64(faces)
     for i in range(begin, end):
-        place = np.int64(places[i])
-        off = place % SIDE + place // SIDE % SIDE > FINENESS
-        beyond[i] = off or place < 0 or place // (SIDE * SIDE) >= faces
+        place = np.uint64(places[i])
+        face = place // (side * side)
+        rest = place - face * (side * side)
+        second = rest // side
+        beyond[i] = face >= most or second + (rest - second * side) > np.uint64(FINENESS)

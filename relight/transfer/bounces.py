@@ -23,7 +23,7 @@ from splat2mesh.base.errors import InputError
 from splat2mesh.base.progress import Advance
 from splat2mesh.base.threads import in_order, in_slices, read_only
 
-from .bounce_blend import FIELDS, BounceBlend, RingMeans, known_lights
+from .bounce_blend import BounceBlend, known_lights
 from .bounce_places import BouncePlaces, batch_of
 from .bounce_rows import gather, gather_rgb, unpack
 from .checks import check_shape, checked_albedo
@@ -87,10 +87,11 @@ class Interreflection:
         visible: Floats | None = None,
         receivers: Receivers | None = None,
         neighbors: Neighbors | None = None,
+        share: Floats | None = None,
     ) -> "Interreflection":
-        """The same of rays that were traced before."""
+        """The same of rays that were traced before. share: `ring_share` of the same before."""
         self = cls.__new__(cls)
-        self._make(places, rays, occluder, visible, receivers, neighbors)
+        self._make(places, rays, occluder, visible, receivers, neighbors, share)
         return self
 
     def _make(
@@ -101,6 +102,7 @@ class Interreflection:
         visible: Floats | None,
         receivers: Receivers | None,
         neighbors: Neighbors | None,
+        share: Floats | None = None,
     ) -> None:
         self.rays, self.receivers = rays, receivers
         self._rows, self.hits = places.rows, places.hits
@@ -115,7 +117,12 @@ class Interreflection:
         fronts = np.zeros_like(self.hits)
         fronts[places.rows] = places.used
         self._fronts, self._neighbors = fronts, neighbors
-        self.scale_to(visible)
+        self.scale_to(visible, share)
+
+    @property
+    def ring_share(self) -> Floats | None:
+        """How much each node takes from its ring; None without neighbours."""
+        return None if self._blend is None else self._blend.share
 
     @property
     def entries(self) -> int:
@@ -162,8 +169,9 @@ class Interreflection:
         deque(in_order(work, range(0, len(self._rows), batch)), maxlen=0)
         return result
 
-    def scale_to(self, visible: Floats | None) -> None:
-        """Scale the rows to complement a visible fraction, (V,), or to the fraction of their own rays that hit."""
+    def scale_to(self, visible: Floats | None, share: Floats | None = None) -> None:
+        """Scale the rows to complement a visible fraction, (V,), or to the fraction of their own rays that hit. share:
+        `ring_share` of the same before."""
         if visible is None:
             self.hidden = (self.hits / self.rays).astype(np.float32)
             self._scale = np.full(len(self.hits), 1.0 / self.rays, np.float32)
@@ -175,15 +183,16 @@ class Interreflection:
             hidden = np.clip(1.0 - visible, 0.0, 1.0)
             self.hidden = hidden.astype(np.float32)
             self._scale = (hidden / np.maximum(self.hits, 1)).astype(np.float32)
-        self._blend = None if self._neighbors is None else self._blend_over(self._neighbors)
+        self._blend = None if self._neighbors is None else self._blend_over(self._neighbors, share)
 
-    def _blend_over(self, neighbors: Neighbors) -> BounceBlend:
-        rings = RingMeans.of(neighbors, self.hits, self._fronts, self.hidden)
-        lights = known_lights(1.0 - self.hidden, self._normals)
-        if self.receivers is not None:
-            self.receivers.filled(lights)
-        met = self._gathered(np.hstack([lights, lights**2]), self._per_hit)
-        return BounceBlend(rings, met[:, :FIELDS], met[:, FIELDS:], self.rays)
+    def _blend_over(self, neighbors: Neighbors, share: Floats | None) -> BounceBlend:
+        def known() -> NDArray[np.float32]:
+            lights = known_lights(1.0 - self.hidden, self._normals)
+            if self.receivers is not None:
+                self.receivers.filled(lights)
+            return self._gathered(np.hstack([lights, lights**2]), self._per_hit)
+
+        return BounceBlend(neighbors, self.hits, self._fronts, self.hidden, known, self.rays, share)
 
     @property
     def _per_hit(self) -> NDArray[np.float32]:

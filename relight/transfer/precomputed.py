@@ -187,7 +187,18 @@ class Precomputed:
 
         def made(kept: Mapping[str, NDArray[Any]]) -> Interreflection:
             places = BouncePlaces.restored(kept, rays, len(faces), receivers.traced)
-            return Interreflection.of_places(places, rays, self.occluder, visible, receivers, self._neighbors)
+            given = places, rays, self.occluder, visible, receivers, self._neighbors
+            of_rings = "rings", rays, self.seed, receivers.key, array_key(visible)
+
+            def again(kept: Mapping[str, NDArray[Any]]) -> Interreflection:
+                return Interreflection.of_places(*given, kept["share"])
+
+            found = self.cache.restored(again, *of_rings)
+            if found is None:
+                found = Interreflection.of_places(*given)
+                if found.ring_share is not None:
+                    self.cache.put(*of_rings, share=found.ring_share)
+            return found
 
         with self._stages.stage("bounce rays kept"):
             found = self.cache.restored(made, "bounces", rays, self.seed, receivers.key)

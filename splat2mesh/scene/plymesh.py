@@ -18,6 +18,9 @@ from .surfaces import UncheckedMesh, fans
 
 LISTS = ("vertex_indices", "vertex_index")
 
+MOST_ALIKE = 64
+"""Items of lists that are read at once; longer ones are no faces of a mesh that counts."""
+
 
 def read_ply(path: str | os.PathLike[str]) -> UncheckedMesh:
     """Read a PLY, row by row.
@@ -122,6 +125,10 @@ def _binary_lists(
         if length is not None and length[0] == "f":
             raise InputError(f"{ply.path}: a list of '{name}' counts its items in {length}: expected whole numbers")
         columns.append((np.dtype(length).itemsize if length else 0, signed, np.dtype(item).itemsize))
+    if wanted is not None and len(columns) == 1:
+        found = _alike(ply, element, body, start, wanted)
+        if found is not None:
+            return found
     layout = np.array(columns, np.int64)
     which = list(element.properties).index(wanted) if wanted else -1
     least = int(np.where(layout[:, 0] > 0, layout[:, 0], layout[:, 2]).sum())
@@ -142,6 +149,26 @@ def _binary_lists(
     if stored.kind == "f" and (corners != values).any():
         raise InputError(f"{ply.path}: a face names a vertex by a number that is not whole: export the mesh again")
     return corners, counts, end
+
+
+def _alike(
+    ply: Ply, element: Element, body: NDArray[np.uint8], start: int, wanted: str
+) -> tuple[NDArray[np.int64], NDArray[np.int64], int] | None:
+    """The same of lists of whole numbers that are all as long as the first and make up their rows, such as triangles;
+    None for others. A tenth of the time."""
+    length, item = (np.dtype(ply.byte_order + kind) for kind in element.lists[wanted])
+    if element.count == 0 or item.kind == "f" or start + length.itemsize > len(body):
+        return None
+    items = int(body[start : start + length.itemsize].view(length)[0])
+    width = length.itemsize + items * item.itemsize
+    if not 0 < items <= MOST_ALIKE or start + element.count * width > len(body):
+        return None
+    row = np.dtype([("length", length), ("items", item, (items,))])
+    rows = np.frombuffer(body, row, element.count, start)
+    if (rows["length"] != items).any():
+        return None
+    counts = np.full(element.count, items, np.int64)
+    return rows["items"].astype(np.int64).ravel(), counts, start + element.count * width
 
 
 def _spread(places: NDArray[np.int64], counts: NDArray[np.int64], step: int = 1) -> NDArray[np.int64]:

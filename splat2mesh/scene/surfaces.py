@@ -90,6 +90,8 @@ def fans(corners: NDArray, counts: NDArray, path: str | os.PathLike[str]) -> NDA
     if flat:
         message = f"{path}: left out {flat} of {len(counts)} faces, which have fewer than three corners"
         warnings.warn(message, DataWarning, stacklevel=4)
+    if (counts == 3).all():
+        return corners.reshape(-1, 3).astype(np.int64)
     triangles = np.maximum(counts - 2, 0)
     first = np.repeat(np.cumsum(counts) - counts, triangles)
     within = np.arange(triangles.sum()) - np.repeat(np.cumsum(triangles) - triangles, triangles)

@@ -90,12 +90,12 @@ def atlas_of(scene: "Scene", mesh: "Welded", uv: Floats, faces: Integers, size: 
     for chunk in scene.chunks:
         rows = slice(first, first + len(chunk.faces))
         first = rows.stop
-        both = np.stack([scene_faces[rows].ravel(), in_scene[rows].ravel()], axis=1)
-        unique, index = np.unique(both, axis=0, return_inverse=True)
+        both = scene_faces[rows].astype(np.int64).ravel() << 32 | in_scene[rows].ravel()
+        unique, index = np.unique(both, return_inverse=True)
         start = chunks[-1].stop if chunks else 0
         chunks.append(range(start, start + len(unique)))
-        vertex.append(unique[:, 0])
-        coordinates.append(uv[unique[:, 1]])
+        vertex.append(unique >> 32)
+        coordinates.append(uv[unique & 0xFFFFFFFF])
         final.append(index.reshape(-1, 3) + start)
     return Atlas(
         np.clip(np.concatenate(coordinates) / np.float32(size), 0.0, 1.0),
@@ -177,8 +177,12 @@ class Welded(NamedTuple):
 def welded(scene: "Scene") -> Welded:
     """The Welded mesh of a scene."""
     content = np.hstack([scene.vertices, scene.normals]).astype(np.float32) + np.float32(0.0)
-    nodes, node = np.unique(content, axis=0, return_inverse=True)
-    corners = node.reshape(-1)[scene.faces]
+    ranked = np.lexsort(content.T[::-1])
+    sorted_rows = content[ranked]
+    new = np.append(True, (sorted_rows[1:] != sorted_rows[:-1]).any(axis=1))[: len(content)]
+    nodes, node = sorted_rows[new], np.empty(len(content), np.int64)
+    node[ranked] = np.cumsum(new) - 1
+    corners = node[scene.faces]
     turn = corners.argmin(axis=1)
     corners = np.take_along_axis(corners, (turn[:, None] + np.arange(3)) % 3, axis=1)
     order = np.lexsort(corners.T[::-1])
@@ -188,8 +192,9 @@ def welded(scene: "Scene") -> Welded:
 
 def face_areas(points: Points, faces: Integers) -> NDArray[np.float64]:
     """Areas of faces (F, 3), (F,) float64, in the squared unit of the points (V, 3)."""
-    a, b, c = (points[faces[:, corner]].astype(np.float64) for corner in range(3))
-    return np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+    areas = np.empty(len(faces), np.float64)
+    _areas(read_only(points, np.float64), read_only(faces, np.int64), areas)
+    return areas
 
 
 def _nearest_texel(texels: Indices, size: int) -> NDArray[np.int32]:
@@ -201,6 +206,16 @@ def _nearest_texel(texels: Indices, size: int) -> NDArray[np.int32]:
     empty = (index < 0).reshape(size, size)
     rows, columns = distance_transform_edt(empty, return_distances=False, return_indices=True)
     return index.reshape(size, size)[rows, columns].ravel()
+
+
+@kernel
+def _areas(points: NDArray[np.float64], faces: NDArray[np.int64], areas: NDArray[np.float64]) -> None:
+    for f in range(len(faces)):
+        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+        ux, uy, uz = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1], points[b, 2] - points[a, 2]
+        vx, vy, vz = points[c, 0] - points[a, 0], points[c, 1] - points[a, 1], points[c, 2] - points[a, 2]
+        x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        areas[f] = np.sqrt(x * x + y * y + z * z) / 2
 
 
 @kernel
@@ -228,6 +243,8 @@ def _draw(
         for row in range(top, bottom + 1):
             y = row + 0.5
             for column in range(left, right + 1):
+                if best[row, column] == 0.0:  # it lies in another face
+                    continue
                 x = column + 0.5
                 second: float = ((x - ax) * (cy - ay) - (y - ay) * (cx - ax)) / area
                 third: float = ((bx - ax) * (y - ay) - (by - ay) * (x - ax)) / area

@@ -33,7 +33,7 @@ def scene():
 def test_a_sample_is_as_fine_as_the_tolerance(scene, monkeypatch, asked, directions):
     found = []
 
-    def sample(occluder, sizes, vertices, count, traced):
+    def sample(occluder, sizes, vertices, count, traced, cache):
         found.append(count)
         return Sample(occluder, sizes, 32, 64, traced)
 
