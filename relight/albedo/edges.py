@@ -51,6 +51,9 @@ within which they are compared."""
 OVER_SKY, LEAST_SKY = 2.0, 0.1
 """Irradiance of a sun at right angles over that of all sky, and what a place without sky receives, over the same."""
 
+MOST_OVER_REST, HALVINGS = 12.0, 24
+"""Largest irradiance of a sun at right angles over that of the rest, and steps that each halve the range below it."""
+
 
 @dataclass(frozen=True)
 class EdgeCalibration:
@@ -63,8 +66,8 @@ class EdgeCalibration:
 
     provenance: ClassVar = Provenance(
         script="scripts/bench albedo",
-        fitted_on="garden 4 at noon and under clouds, gardens 5 to 9, nook 3 (docs/albedo.md)",
-        held_out="gardens 2, 3, 10 to 12, nooks 1, 2, 4 to 6, the patio (docs/albedo.md)",
+        fitted_on="gardens 3 to 12 but 7 at noon, nooks 2 and 3 (docs/albedo.md)",
+        held_out="gardens 2, 13, nooks 1, 4, 6, the patio, examples/garden.sog (docs/albedo.md)",
     )
 
     explained: float = 0.022
@@ -96,13 +99,13 @@ class SunEdges(NamedTuple):
         """
         if self.sides.count < EDGES.cells:
             return None
-        wanted = self.sides.contrast(self.sides.log_captured)
-        low, high = np.log(np.median(rest)) - 4.0, np.log(np.median(rest)) + 6.0
-        for _ in range(30):
+        wanted, rest = self.sides.contrast(self.sides.log_captured), np.maximum(rest, 1e-9)
+        low, high = 0.0, MOST_OVER_REST * np.pi * float(np.median(rest))
+        for _ in range(HALVINGS):
             middle = 0.5 * (low + high)
-            less = self.sides.contrast(np.log(rest + np.exp(middle) * self.received)) < wanted
+            less = self.sides.contrast(np.log(rest + middle * self.received)) < wanted
             low, high = (middle, high) if less else (low, middle)
-        return float(np.exp(0.5 * (low + high)))
+        return 0.5 * (low + high)
 
 
 def sharpened(scene: CapturedScene, rest: Environment, lamp: Sun, volume: Floats | None = None) -> Sun | None:
@@ -223,7 +226,7 @@ class _Cells:
         self._colors = self._beyond_sky(log_captured)
 
     def moments(self, light: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(3, S) for log lights (N, S): weighted sums of colours times light, of light squared and of colours squared."""
+        """(3, S) for log lights (N, S), weighted sums of colours times light and of the squares of both."""
         light = self._beyond_sky(light)
         across = (self._weight * self._colors) @ light
         return np.stack([across, self._weight @ light**2, np.full_like(across, self._weight @ self._colors**2)])
