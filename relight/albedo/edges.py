@@ -60,7 +60,7 @@ class EdgeCalibration:
     """Which edges are those of a sun.
 
     explained: least part of the variance between neighbours that the best sun explains beyond the openness to the sky.
-    rival: most of that which a sun further than `apart` degrees from it explains.
+    clearer: by how much that must exceed what any sun further than `apart` degrees from it explains.
     cells, points: least cells with so many lit and so many shaded points that show how strong the sun is.
     """
 
@@ -71,7 +71,7 @@ class EdgeCalibration:
     )
 
     explained: float = 0.022
-    rival: float = 0.55
+    clearer: float = 0.012
     apart: float = 10.0
     cells: int = 10
     points: int = 2
@@ -108,16 +108,22 @@ class SunEdges(NamedTuple):
         return 0.5 * (low + high)
 
 
-def sharpened(scene: CapturedScene, rest: Environment, lamp: Sun, volume: Floats | None = None) -> Sun | None:
-    """A Sun found by contrast, from where the edges of its shadows have it and at least as strong as they have it; None
-    where none show it clearly. rest: the light beside it. volume: as in `sun_at_edges`."""
+def sharpened(
+    scene: CapturedScene, rest: Environment, lamp: Sun, share: float, volume: Floats | None = None
+) -> Sun | None:
+    """A Sun found by contrast, where the edges of its shadows have it; None where none show it clearly.
+
+    Its irradiance is a share of what was found, or what the edges show if that is more. rest: the light beside it.
+    volume: as in `sun_at_edges`.
+    """
     edges = sun_at_edges(scene, lamp.direction, volume)
     if edges is None or lamp.irradiance is None:
         return None
-    coefficients = luminance(rest.sh(int(np.sqrt(scene.transport.transfer.shape[1]))))
-    received = np.maximum(scene.transport.transfer[edges.rows] @ coefficients.astype(np.float32), np.float32(0.0))
-    least = edges.irradiance(received.astype(np.float64) + luminance(scene.bounce[edges.rows]))
-    return Sun(edges.direction, edges.width_deg, edges.received, np.maximum(lamp.irradiance, least or 0.0))
+    transfer = scene.transport.transfer
+    coefficients = luminance(rest.sh(int(np.sqrt(transfer.shape[1])))).astype(np.float32)
+    received = np.maximum(transfer[edges.rows] @ coefficients, np.float32(0.0)) + luminance(scene.bounce[edges.rows])
+    least = edges.irradiance(received.astype(np.float64)) or 0.0
+    return Sun(edges.direction, edges.width_deg, edges.received, np.maximum(share * lamp.irradiance, least))
 
 
 def sun_at_edges(scene: CapturedScene, near: Vector, volume: Floats | None = None) -> SunEdges | None:
@@ -150,7 +156,7 @@ def sun_at_edges(scene: CapturedScene, near: Vector, volume: Floats | None = Non
         if explained.max() > most:
             most, top, width_deg = float(explained.max()), int(explained.argmax()), width
             received = lobed[:, top]
-    if most < EDGES.explained or rival > EDGES.rival * most:
+    if most < EDGES.explained or most - rival < EDGES.clearer:
         return None
     direction = fine[centers[top]]
     around = shadows[:, angle[top] < UNANIMOUS_DEG] > 0.0

@@ -102,7 +102,6 @@ def _by_contrast(
             sunny = share
     if lamp is not None and sunny > 0.5:
         rest = image - sunny * sun.image_of(lamp, HEIGHT, WIDTH)
-        lamp = lamp._replace(irradiance=sunny * lamp.irradiance)
-        sharp = edges.sharpened(scene, Environment(rest.astype(np.float32), "estimated"), lamp, volume)
+        sharp = edges.sharpened(scene, Environment(rest.astype(np.float32), "estimated"), lamp, sunny, volume)
         image = image if sharp is None else rest + sun.image_of(sharp, HEIGHT, WIDTH)
     return Environment(image.astype(np.float32), "estimated"), sunny > 0.5

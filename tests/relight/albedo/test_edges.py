@@ -80,12 +80,12 @@ def test_lit_and_shaded_neighbours_show_how_strong_a_sun_is():
     scene = photographed(IRRADIANCE)
     rest = Environment(np.full((16, 32, 3), 0.5 * SKY, np.float32), "sky")
     weak, strong = (Sun(off(SUN, 6.0, 2.0), 7.0, np.zeros(0), np.full(3, each)) for each in (0.3, 4.0))
-    found = sharpened(scene, rest, weak)
+    found = sharpened(scene, rest, weak, 1.0)
     assert found is not None and found.irradiance is not None
     np.testing.assert_allclose(found.irradiance, 0.5 * IRRADIANCE, rtol=0.2)
-    kept = sharpened(scene, rest, strong)
+    kept = sharpened(scene, rest, strong, 0.75)
     assert kept is not None
-    np.testing.assert_array_equal(kept.irradiance, strong.irradiance)
+    np.testing.assert_array_equal(kept.irradiance, 3.0)
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.3])
@@ -97,4 +97,4 @@ def test_without_a_sun_no_edge_shows_one(noise):
 
 def test_a_sun_far_from_where_it_was_found_before_is_left_alone():
     far = Sun(off(SUN, 60.0, 3.0), 7.0, np.zeros(0), np.ones(3))
-    assert sharpened(photographed(IRRADIANCE), Environment(np.ones((16, 32, 3), np.float32), "sky"), far) is None
+    assert sharpened(photographed(IRRADIANCE), Environment(np.ones((16, 32, 3), np.float32), "sky"), far, 1.0) is None
