@@ -61,7 +61,7 @@ class EdgeCalibration:
 
     explained: least part of the variance between neighbours that the best sun explains beyond the openness to the sky.
     clearer: by how much that must exceed what any sun further than `apart` degrees from it explains.
-    cells, points: least cells with so many lit and so many shaded points that show how strong the sun is.
+    cells, points: least cells with so many lit and so many shaded points: a sun casts shadows.
     """
 
     provenance: ClassVar = Provenance(
@@ -81,24 +81,19 @@ EDGES = EdgeCalibration()
 
 
 class SunEdges(NamedTuple):
-    """A sun as edges show it. direction: (3,) unit, scene frame. width_deg: spread of its lobe. explained, rival: as of
-    EdgeCalibration. rows: (N,) vertices compared. received: (N,) by them under a sun of irradiance 1. sides: of them.
+    """A sun as edges show it. direction: (3,) unit, scene frame. width_deg: spread of its lobe. rows: (N,) vertices
+    compared. received: (N,) by them under a sun of irradiance 1. sides: of them.
     """
 
     direction: NDArray[np.float64]
     width_deg: float
-    explained: float
-    rival: float
     rows: NDArray[np.int64]
     received: Floats
     sides: "_Sides"
 
-    def irradiance(self, rest: Floats) -> float | None:
+    def irradiance(self, rest: Floats) -> float:
         """Irradiance of the sun at right angles that gives lit and shaded neighbours the ratio of their colours, beside
-        the rest of the light, (N,) luminance; None where few neighbours tell. Splats blur shadows: it is a lower bound.
-        """
-        if self.sides.count < EDGES.cells:
-            return None
+        the rest of the light, (N,) luminance. Splats blur shadows: it is a lower bound."""
         wanted, rest = self.sides.contrast(self.sides.log_captured), np.maximum(rest, 1e-9)
         low, high = 0.0, MOST_OVER_REST * np.pi * float(np.median(rest))
         for _ in range(HALVINGS):
@@ -122,7 +117,7 @@ def sharpened(
     transfer = scene.transport.transfer
     coefficients = luminance(rest.sh(int(np.sqrt(transfer.shape[1])))).astype(np.float32)
     received = np.maximum(transfer[edges.rows] @ coefficients, np.float32(0.0)) + luminance(scene.bounce[edges.rows])
-    least = edges.irradiance(received.astype(np.float64)) or 0.0
+    least = edges.irradiance(received.astype(np.float64))
     return Sun(edges.direction, edges.width_deg, edges.received, np.maximum(share * lamp.irradiance, least))
 
 
@@ -156,13 +151,14 @@ def sun_at_edges(scene: CapturedScene, near: Vector, volume: Floats | None = Non
         if explained.max() > most:
             most, top, width_deg = float(explained.max()), int(explained.argmax()), width
             received = lobed[:, top]
-    if most < EDGES.explained or most - rival < EDGES.clearer:
-        return None
     direction = fine[centers[top]]
+    inside = direction @ near > np.cos(np.radians(WITHIN_DEG - COARSE_DEG))  # on the border it is no maximum
+    if most < EDGES.explained or most - rival < EDGES.clearer or not inside:
+        return None
     around = shadows[:, angle[top] < UNANIMOUS_DEG] > 0.0
     upright = occluder.normals[rows] @ direction > LEAST_COSINE
     sides = between.sides(upright & around.all(axis=1), upright & ~around.any(axis=1))
-    return SunEdges(direction, width_deg, most, rival, rows, received, sides)
+    return None if sides.count < EDGES.cells else SunEdges(direction, width_deg, rows, received, sides)
 
 
 class _Sides:
