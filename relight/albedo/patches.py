@@ -103,7 +103,7 @@ def patches_of(
     logs, normal, points = np.log(some.at(captured)), normal[good], some.at(occluder.origins)
     chroma = (logs - logs.mean(axis=1, keepdims=True))[:, :2]
     cell = PATCHES.cell * float(np.median(some.distance))
-    index = _numbered([points / cell, 1.2 * normal + 0.5, chroma / PATCHES.alike])
+    index = numbered([points / cell, 1.2 * normal + 0.5, chroma / PATCHES.alike])
     count = np.bincount(index)
     shape = len(count), len(captured)
     means = csr_array(
@@ -116,7 +116,7 @@ def patches_of(
         np.log(np.maximum(luminance(means @ captured), 1e-9)),
         (means @ transfer).astype(np.float64),
         np.asarray(luminance(means @ bounce), np.float64),
-        _numbered([hue / PATCHES.material, side[:, None]]),
+        numbered([hue / PATCHES.material, side[:, None]]),
         np.sqrt(count),
     )
 
@@ -158,7 +158,7 @@ class _Within:
         return values - (np.bincount(self._groups, self.weight * values) / self._total)[self._groups]
 
 
-def _numbered(columns: Sequence[Floats]) -> NDArray[np.int64]:
+def numbered(columns: Sequence[Floats]) -> NDArray[np.int64]:
     """Numbers (N,) from 0 for rows that fall into the same cell of side 1: a list of (N, C)."""
     cells = np.floor(np.concatenate(columns, axis=1)).astype(np.int64)
     cells -= cells.min(axis=0)

@@ -133,7 +133,7 @@ def _candidate(
     near = sphere[(sphere @ sphere[np.argmax(bright)] > np.cos(np.radians(CAP_DEG))) & (bright > 0.0)]
     if len(near) == 0:
         return None
-    lit = _lit(occluder, places.vertices, near)
+    lit = lit_by(occluder, places.vertices, near)
     received, slope = light(found.theta)
     difference, robust = fit.differences(log_captured - np.log(received), places.pairs, places.weights, fit.SCALES[-1])
     free = np.linalg.inv(found.hessian + fit.STRENGTH * prior)
@@ -149,7 +149,7 @@ def _candidate(
     return best
 
 
-def _lit(occluder: Occluder, vertices: Indices, directions: Directions) -> NDArray[np.float32]:
+def lit_by(occluder: Occluder, vertices: Indices, directions: Directions) -> NDArray[np.float32]:
     """(N, S) float32: what white vertices send out under suns of irradiance 1, in the shadow of everything."""
     lit = np.maximum(occluder.normals[vertices] @ directions.T.astype(np.float32), np.float32(0.0))
     for start in range(0, len(vertices), 1024):

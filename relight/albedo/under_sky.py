@@ -11,10 +11,9 @@ from splat2mesh.scene.measured import CapturedSky
 
 from ..light import projections
 from ..light.environment import Environment
-from . import contrast, fit, skylight, sun
+from . import contrast, edges, fit, skylight, sun
 from .captured import HEIGHT, WIDTH, CapturedScene
 from .patches import ColorPatches
-from .samples import Samples
 
 
 class SkyLit(NamedTuple):
@@ -37,7 +36,7 @@ def light_under_sky(scene: CapturedScene, sky: CapturedSky, volume: Floats | Non
     start = skylight.start_of(light, parts, places.directions, colors, scene.start())
     patches = scene.patches(volume) if within or little else None
     if patches is not None:
-        environment, sunny = _by_contrast(patches, sky, parts, start, places)
+        environment, sunny = _by_contrast(scene, patches, sky, parts, start, volume)
         return SkyLit(environment, within or sunny)
     return None if little else SkyLit(_by_pairs(scene, sky, light, start), True)
 
@@ -76,22 +75,23 @@ def _by_pairs(
 
 
 def _by_contrast(
+    scene: CapturedScene,
     patches: ColorPatches,
     sky: CapturedSky,
     parts: skylight.SkyParts,
     start: NDArray[np.float64],
-    places: Samples,
+    volume: Floats | None,
 ) -> tuple[Environment, bool]:
     """The Environment of what a CapturedSky binds, and beyond it of what the contrast of the patches shows; and
     whether that is a sun."""
-    directions = places.directions
+    directions = scene.places.directions
     bound = luminance(skylight.without_excess(parts, start, directions))
     above = directions[:, 1] > 0.0
     unseen = np.where(above, parts.unseen.mean(axis=1), 0.0)
     texels = projections.texel_directions(HEIGHT, WIDTH).reshape(-1, 3)
     looked_up = skylight.SkyParts.looked_up(sky, texels)
     image = skylight.without_excess(looked_up, start, texels)
-    image, sunny = image.reshape(HEIGHT, WIDTH, 3), 0.0
+    image, sunny, lamp = image.reshape(HEIGHT, WIDTH, 3), 0.0, None
     for share, found in contrast.brightness_of(patches, directions, bound, parts.clipped.mean(axis=1), unseen):
         region = looked_up.clipped + (looked_up.unseen * (texels[:, 1:2] > 0.0) if found.beyond else 0.0)
         more = region * found.excess * np.exp(texels @ found.lean)[:, None]
@@ -99,5 +99,9 @@ def _by_contrast(
         if found.sun is not None:
             lamp = sun.Sun(found.sun, contrast.SUN_WIDTH_DEG, np.zeros(0), np.full(3, found.irradiance))
             image += share * sun.image_of(lamp, HEIGHT, WIDTH)
-            sunny += share
+            sunny = share
+    if lamp is not None and sunny > 0.5:
+        rest = image - sunny * sun.image_of(lamp, HEIGHT, WIDTH)
+        sharp = edges.sharpened(scene, Environment(rest.astype(np.float32), "estimated"), lamp, sunny, volume)
+        image = image if sharp is None else rest + sun.image_of(sharp, HEIGHT, WIDTH)
     return Environment(image.astype(np.float32), "estimated"), sunny > 0.5

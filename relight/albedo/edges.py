@@ -1,0 +1,252 @@
+"""The sun of a capture, found again by the edges of its shadows.
+
+Across the edge of a cast shadow the paint goes on and the light does not. Between near neighbours of one slope and hue,
+the colours of a place therefore follow a sun from the right direction better than one that is 3 degrees off, while the
+contrast of whole materials tells directions apart by 5 to 15 degrees.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+
+from splat2mesh.base.arrays import Directions, Floats, Mask, Vector
+from splat2mesh.base.calibration import Provenance
+from splat2mesh.scene.color import luminance
+
+from ..light.environment import Environment
+from ..sh.sphere import fibonacci_sphere
+from ..transfer.bounces import visible_fraction
+from ..transfer.occluder import Occluder
+from . import samples
+from .captured import CapturedScene
+from .division import weighted_median
+from .patches import PATCHES, numbered
+from .sun import Sun, lit_by
+
+POINTS = 12_000
+"""Vertices, evenly over what is seen, that are compared with their neighbours."""
+
+CELL, HUE = 0.02, 0.25
+"""Side of the cells within which they are, in the unit frame, and log chroma that these span: shadows are bluer."""
+
+ROUGHEST = 0.06
+"""Roughness of the surface up to which a vertex counts."""
+
+WITHIN_DEG, COARSE_DEG = 20.0, 3.5
+"""How far from the present estimate the sun is searched, and spacing of the directions."""
+
+AROUND_DEG, FINE_DEG, CENTERS_DEG = 9.0, 1.5, 5.0
+"""The same around the best of these, and how far from it a lobe may have its middle."""
+
+WIDTHS_DEG = (1.5, 2.0, 3.0, 4.5)
+"""Spreads of the lobes tried."""
+
+UNANIMOUS_DEG, LEAST_COSINE, SIDES_CELL = 4.0, 0.3, 0.04
+"""A point is lit, or shaded, where all directions so near to the sun are; by that cosine at least. Side of the cells
+within which they are compared."""
+
+OVER_SKY, LEAST_SKY = 2.0, 0.1
+"""Irradiance of a sun at right angles over that of all sky, and what a place without sky receives, over the same."""
+
+MOST_OVER_REST, HALVINGS = 12.0, 24
+"""Largest irradiance of a sun at right angles over that of the rest, and steps that each halve the range below it."""
+
+
+@dataclass(frozen=True)
+class EdgeCalibration:
+    """Which edges are those of a sun.
+
+    explained: least part of the variance between neighbours that the best sun explains beyond the openness to the sky.
+    clearer: by how much that must exceed what any sun further than `apart` degrees from it explains.
+    cells, points: least cells with so many lit and so many shaded points: a sun casts shadows.
+    """
+
+    provenance: ClassVar = Provenance(
+        script="scripts/bench albedo",
+        fitted_on="cells and lobes: gardens 4 and 7, nook 3; thresholds: gardens 2 to 12, nooks 1 to 6, the patio",
+        held_out="relit splats of garden 10 at noon and garden 13: .12 to .43 dB better (docs/albedo.md)",
+    )
+
+    explained: float = 0.022
+    clearer: float = 0.012
+    apart: float = 10.0
+    cells: int = 10
+    points: int = 2
+
+
+EDGES = EdgeCalibration()
+
+
+class SunEdges(NamedTuple):
+    """A sun as edges show it. direction: (3,) unit, scene frame. width_deg: spread of its lobe. rows: (N,) vertices
+    compared. received: (N,) by them under a sun of irradiance 1. sides: of them.
+    """
+
+    direction: NDArray[np.float64]
+    width_deg: float
+    rows: NDArray[np.int64]
+    received: Floats
+    sides: "_Sides"
+
+    def irradiance(self, rest: Floats) -> float:
+        """Irradiance of the sun at right angles that gives lit and shaded neighbours the ratio of their colours, beside
+        the rest of the light, (N,) luminance. Splats blur shadows: it is a lower bound."""
+        wanted, rest = self.sides.contrast(self.sides.log_captured), np.maximum(rest, 1e-9)
+        low, high = 0.0, MOST_OVER_REST * np.pi * float(np.median(rest))
+        for _ in range(HALVINGS):
+            middle = 0.5 * (low + high)
+            less = self.sides.contrast(np.log(rest + middle * self.received)) < wanted
+            low, high = (middle, high) if less else (low, middle)
+        return 0.5 * (low + high)
+
+
+def sharpened(
+    scene: CapturedScene, rest: Environment, lamp: Sun, share: float, volume: Floats | None = None
+) -> Sun | None:
+    """A Sun found by contrast, where the edges of its shadows have it; None where none show it clearly.
+
+    Its irradiance is a share of what was found, or what the edges show if that is more. rest: the light beside it.
+    volume: as in `sun_at_edges`.
+    """
+    edges = sun_at_edges(scene, lamp.direction, volume)
+    if edges is None or lamp.irradiance is None:
+        return None
+    transfer = scene.transport.transfer
+    coefficients = luminance(rest.sh(int(np.sqrt(transfer.shape[1])))).astype(np.float32)
+    received = np.maximum(transfer[edges.rows] @ coefficients, np.float32(0.0)) + luminance(scene.bounce[edges.rows])
+    least = edges.irradiance(received.astype(np.float64))
+    return Sun(edges.direction, edges.width_deg, edges.received, np.maximum(share * lamp.irradiance, least))
+
+
+def sun_at_edges(scene: CapturedScene, near: Vector, volume: Floats | None = None) -> SunEdges | None:
+    """The SunEdges of a CapturedScene around a direction (3,); None where no edge shows a sun clearly.
+
+    volume: (V,) in [0, 1], how far each vertex is of leaves, which have no edges.
+    """
+    occluder, visible = scene.occluder, visible_fraction(scene.transport.transfer)
+    good = scene.usable & (scene.areas > 0.0) & (visible > PATCHES.least_visible)
+    good &= samples.roughness(occluder) < ROUGHEST
+    if volume is not None:
+        good &= volume < PATCHES.most_volume
+    rows = samples.places(occluder, scene.areas, good, POINTS, scene.seed)
+    if len(rows) < PATCHES.least_patches:
+        return None
+    between = _Neighbors(occluder, rows, scene.captured[rows], visible[rows])
+    coarse = _cap(near, WITHIN_DEG, COARSE_DEG)
+    explained = between.explained(lit_by(occluder, rows, coarse))
+    best = coarse[explained.argmax()]
+    rival = float(explained[coarse @ best < np.cos(np.radians(EDGES.apart))].max(initial=0.0))
+    fine = _cap(best, AROUND_DEG, FINE_DEG)
+    shadows = lit_by(occluder, rows, fine)
+    centers = np.flatnonzero(fine @ best > np.cos(np.radians(CENTERS_DEG)))
+    angle = np.degrees(np.arccos(np.clip(fine[centers] @ fine.T, -1.0, 1.0)))
+    most, top, width_deg, received = -1.0, 0, 0.0, shadows[:, 0]
+    for width in WIDTHS_DEG:
+        lobes = np.exp(-0.5 * (angle / width) ** 2).astype(np.float32)
+        lobed = shadows @ (lobes / lobes.sum(axis=1, keepdims=True)).T
+        explained = between.explained(lobed)
+        if explained.max() > most:
+            most, top, width_deg = float(explained.max()), int(explained.argmax()), width
+            received = lobed[:, top]
+    direction = fine[centers[top]]
+    inside = direction @ near > np.cos(np.radians(WITHIN_DEG - COARSE_DEG))  # on the border it is no maximum
+    if most < EDGES.explained or most - rival < EDGES.clearer or not inside:
+        return None
+    around = shadows[:, angle[top] < UNANIMOUS_DEG] > 0.0
+    upright = occluder.normals[rows] @ direction > LEAST_COSINE
+    sides = between.sides(upright & around.all(axis=1), upright & ~around.any(axis=1))
+    return None if sides.count < EDGES.cells else SunEdges(direction, width_deg, rows, received, sides)
+
+
+class _Sides:
+    """Cells with lit and shaded points, and the log colours (N,) of all."""
+
+    def __init__(self, cell: NDArray[np.int64], lit: Mask, shaded: Mask, log_captured: NDArray[np.float64]) -> None:
+        """cell: (N,) numbers from 0. lit, shaded: (N,) as the sun and everything around it sees the points."""
+        self.log_captured, many = log_captured, int(cell.max()) + 1
+        counts = [np.bincount(cell[side], minlength=many) for side in (lit, shaded)]
+        both = np.minimum(*counts) >= EDGES.points
+        self.count = int(np.count_nonzero(both))
+        self._weight = (counts[0] * counts[1] / np.maximum(counts[0] + counts[1], 1))[both]
+        mean = [
+            csr_array((1.0 / count[cell[side]], (cell[side], np.flatnonzero(side))), (many, len(cell)))
+            for side, count in zip((lit, shaded), counts, strict=True)
+        ]
+        self._mean = (mean[0] - mean[1])[both]
+
+    def contrast(self, logs: NDArray[np.float64]) -> float:
+        """The median over cells by how much the logarithms (N,) of their lit points exceed those of their shaded."""
+        return weighted_median(self._mean @ logs, self._weight)
+
+
+class _Neighbors:
+    """Points in cells of one slope and hue, and their colours less the mean of the cell."""
+
+    def __init__(
+        self,
+        occluder: Occluder,
+        rows: NDArray[np.int64],  # (N,) vertices
+        captured: NDArray[np.float32],  # (N, 3) linear
+        visible: NDArray[np.float32],  # (N,)
+    ) -> None:
+        logs = np.log(captured.astype(np.float64))
+        chroma = (logs - logs.mean(axis=1, keepdims=True))[:, :2]
+        self._alike = [1.5 * occluder.normals[rows] + 0.5, chroma / HUE]
+        self._points = occluder.origins[rows]
+        self._open = visible.astype(np.float64) + LEAST_SKY
+        self._log_captured = np.log(luminance(captured).astype(np.float64))
+        self._parts = [_Cells(self._cells(CELL, shift), self._log_captured, self._open) for shift in (0.0, 0.5)]
+
+    def explained(self, shadows: NDArray[np.float32]) -> NDArray[np.float64]:
+        """(S,) part of the variance between neighbours that suns explain, (N, S) of irradiance 1."""
+        light = np.log(self._open[:, None] + np.pi * OVER_SKY * shadows)
+        moments = np.sum([part.moments(light) for part in self._parts], axis=0)
+        return np.maximum(moments[0], 0.0) ** 2 / np.maximum(moments[1] * moments[2], 1e-12)
+
+    def sides(self, lit: Mask, shaded: Mask) -> _Sides:
+        """The _Sides of points, (N,) each, in wider cells."""
+        return _Sides(self._cells(SIDES_CELL, 0.0), lit, shaded, self._log_captured)
+
+    def _cells(self, side: float, shift: float) -> NDArray[np.int64]:
+        return numbered([self._points / side + shift, *self._alike])
+
+
+class _Cells:
+    """Values of points within cells, less what the openness to the sky explains of them."""
+
+    def __init__(self, cell: NDArray[np.int64], log_captured: NDArray[np.float64], openness: NDArray[np.float64]):
+        """All (N,): cell numbers from 0."""
+        count = len(cell)
+        self._cell, self._member = cell, csr_array((np.ones(count), (cell, np.arange(count))))
+        self._weight = np.ones(count)
+        self._weight = 1.0 / (1.0 + (self._off(log_captured) / PATCHES.outlier) ** 2)
+        self._sky = self._off(np.log(openness))
+        self._own = float(self._weight @ self._sky**2)
+        self._colors = self._beyond_sky(log_captured)
+
+    def moments(self, light: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(3, S) for log lights (N, S), weighted sums of colours times light and of the squares of both."""
+        light = self._beyond_sky(light)
+        across = (self._weight * self._colors) @ light
+        return np.stack([across, self._weight @ light**2, np.full_like(across, self._weight @ self._colors**2)])
+
+    def _beyond_sky(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        off = self._off(values)
+        slope = ((self._weight * self._sky) @ off) / max(self._own, 1e-12)
+        return off - np.multiply.outer(self._sky, slope)
+
+    def _off(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Values (N,) or (N, S) less the weighted mean of their cell."""
+        weight = self._member * self._weight
+        mean = ((weight @ values).T / (self._member @ self._weight)).T
+        return np.asarray(values - mean[self._cell])
+
+
+def _cap(middle: Vector, within_deg: float, spacing_deg: float) -> Directions:
+    """(D, 3) directions above the horizon around one, which is the first."""
+    sphere = fibonacci_sphere(round(4.0 * np.pi / np.radians(spacing_deg) ** 2))
+    near = (sphere @ middle > np.cos(np.radians(within_deg))) & (sphere[:, 1] > 0.0)
+    return np.vstack([middle, sphere[near]])
