@@ -104,7 +104,6 @@ def reconstruct_place(
     distance, centers = float(np.median(depths)), _near_centers(views, seen)
     middle = np.median(centers, axis=0)
 
-
     def developed(views: Sequence[View], seen: Sequence[FieldDepth]) -> tuple[list[FusionSight], Album]:
         thicknesses = [thickness_of(each, view) for view, each in zip(views, seen, strict=True)]
         sights = [
