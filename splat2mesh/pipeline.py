@@ -114,7 +114,9 @@ def convert(
         seen_from = sum(map(len, views))
     else:
         seen, near = place_views(standing, foreground, trained, rotation[1, :3], effort, asked.seed, stages)
-        mesh, seen_from = reconstruct_place(splats, seen, near, asked.vertices, stages, statistics), len(seen)
+        overhead = standing.overhead if trained else None
+        mesh, seen, near = reconstruct_place(splats, seen, near, asked.vertices, stages, statistics, overhead)
+        seen_from = len(seen)
         looks = [Look(dilated(splats, PLACE.dilation * training_pixel(splats)), seen, near)]
         if asked.background == "cut":
             mesh, backdrop = parted(mesh, center, radius)

@@ -16,6 +16,7 @@ from ..render.opacityfield import FieldDepth, field_depth
 from ..render.view import View
 from ..scene.mesh import Mesh, vertex_normals
 from ..splats.splats import Splats
+from ..views.overhead import MOST_LEAK, Overhead
 from .adaptive import SLABS, fuse_adaptively
 from .album import Album, filled_in
 from .clean import fill_holes
@@ -82,36 +83,45 @@ def reconstruct_place(
     vertices: int | None,
     stages: Stages,
     statistics: dict[str, Any],
-) -> Mesh:
-    """The mesh of a place in the splats' frame, as views see it: a Mesh; counts are added to `statistics`.
+    overhead: Overhead | None = None,
+) -> tuple[Mesh, list[View], Floats]:
+    """The mesh of a place in the splats' frame, as views see it: a Mesh, and the views and near planes that were used.
 
     splats: Splats as the file has them. views: list of View; near: (M,) their near planes. vertices: wanted, or None
-    for as many as the capture asks for. Raises InputError when hardly any surface is found.
+    for as many as the capture asks for. overhead: of a room whose views may have missed its ceiling: where that is
+    open, views that look up join them. Counts are added to `statistics`. Raises InputError when hardly any surface is
+    found.
     """
     pixel = training_pixel(splats)
-    splats, seen = dilated(splats, PLACE.dilation * pixel), []
+    splats = dilated(splats, PLACE.dilation * pixel)
     fog = _fog(splats, views, near)
     level = PLACE.level(fog)
     statistics["fog"] = round(fog, 4)
-    with stages.stage("depth maps", total=len(views)) as advance:
-        for view, plane in zip(views, near, strict=True):
-            seen.append(field_depth(splats, view, float(plane), level))
-            advance()
+    seen = _seen(splats, views, near, level, stages)
     depths = np.concatenate([each.depth[np.isfinite(each.depth)][::SAMPLED] for each in seen])
     if len(depths) < LEAST_POINTS:
         raise InputError(f"only {len(depths)} surface points were found: is this a splat of a place?")
     distance, centers = float(np.median(depths)), _near_centers(views, seen)
     middle = np.median(centers, axis=0)
-    thicknesses = [thickness_of(each, view) for view, each in zip(views, seen, strict=True)]
-    sights = [
-        FusionSight.from_depth(view, each, thick, distance, FINEST_CELL * pixel, fog)
-        for view, each, thick in zip(views, seen, thicknesses, strict=True)
-    ]
-    album = Album.from_depths(views, seen, thicknesses)
-    del seen, thicknesses
-    with stages.stage("fusion", total=SLABS) as advance:
-        points: Points
-        points, faces, cells = fuse_adaptively(sights, middle, advance)
+
+    def developed(views: Sequence[View], seen: Sequence[FieldDepth]) -> tuple[list[FusionSight], Album]:
+        thicknesses = [thickness_of(each, view) for view, each in zip(views, seen, strict=True)]
+        sights = [
+            FusionSight.from_depth(view, each, thick, distance, FINEST_CELL * pixel, fog)
+            for view, each, thick in zip(views, seen, thicknesses, strict=True)
+        ]
+        return sights, Album.from_depths(views, seen, thicknesses)
+
+    sights, album = developed(views, seen)
+    del seen
+    points, faces, cells = _fused(sights, middle, stages)
+    if overhead is not None and overhead.leak(points, faces) > MOST_LEAK:
+        more, planes = overhead.views(max(views[0].width, views[0].height))
+        added, pictures = developed(more, _seen(splats, more, planes, level, stages))
+        views, near = [*views, *more], np.append(near, planes)
+        album = Album.joined([album, pictures])
+        points, faces, cells = _fused(sights + added, middle, stages)
+        del added, pictures
     del sights
     if len(faces) == 0:
         raise InputError("no surface is left after fusion: is this a splat of a place?")
@@ -136,7 +146,23 @@ def reconstruct_place(
         normals = vertex_normals(placed, faces)
         colors, unseen = filled_in(album.look_up(placed, normals)[0], placed)
         statistics["vertices_unseen"] += unseen
-    return Mesh(placed, normals, faces, colors)
+    return Mesh(placed, normals, faces, colors), list(views), near
+
+
+def _seen(splats: Splats, views: Sequence[View], near: Floats, level: float, stages: Stages) -> list[FieldDepth]:
+    """What views see of splats: a list of FieldDepth."""
+    seen = []
+    with stages.stage("depth maps", total=len(views)) as advance:
+        for view, plane in zip(views, near, strict=True):
+            seen.append(field_depth(splats, view, float(plane), level))
+            advance()
+    return seen
+
+
+def _fused(sights: Sequence[FusionSight], middle: Vector, stages: Stages) -> tuple[Points, Faces, Floats]:
+    with stages.stage("fusion", total=SLABS) as advance:
+        points, faces, cells = fuse_adaptively(sights, middle, advance)
+    return points, faces, cells
 
 
 def _near_centers(views: Sequence[View], seen: Sequence[FieldDepth]) -> Points:

@@ -20,6 +20,7 @@ from ..render.opacitygrid import OpacityGrid
 from ..splats.splats import Splats
 from .eyes import Eye
 from .freespace import FreeSpace
+from .overhead import Overhead
 from .viewpoints import even_directions
 
 PLACES, RAYS, TRIED, LEAST_PLACES = 2500, 256, 40_000, 50
@@ -93,7 +94,7 @@ class Standpoints:
     kind: "inside" (a room: look from within), "both" (in the open: from within and around) or "outside" (an object).
     eyes: list of Eye, the ones that show most first. distance: median of the distances at which they see surfaces.
     focal: the focal length in pixels that the splat implies. share_enclosed, share_surrounded: of the free places.
-    space: what the eyes see, where views from around join them, else None.
+    space: what the eyes see, where views from around join them, else None. overhead: of a room, where up is known.
     """
 
     kind: str
@@ -103,6 +104,7 @@ class Standpoints:
     share_enclosed: float
     share_surrounded: float
     space: FreeSpace | None = None
+    overhead: Overhead | None = None
 
 
 def standpoints(
@@ -144,11 +146,13 @@ def standpoints(
     for index in chosen:
         clearance = float(np.percentile(looks.distance[index][looks.hit[index]], 2))
         eyes.append(Eye(looks.points[index], max(NEAR_CLEARANCE * clearance, NEAR_DIAGONAL * diagonal)))
-    space = None
+    space = overhead = None
     if kind == "both":
         lowest = looks.lowest(up, chosen) if up is not None else 0.0
         space = FreeSpace(splats, bounds, eyes, up, lowest)
-    return Standpoints(kind, eyes, distance, focal, *shares, space)
+    elif up is not None:
+        overhead = looks.overhead(up, eyes)
+    return Standpoints(kind, eyes, distance, focal, *shares, space, overhead)
 
 
 class _RayFans(NamedTuple):
@@ -192,6 +196,12 @@ class _RayFans(NamedTuple):
         height = self.directions @ up
         below, above = (self.inner[:, cap].mean(axis=1) for cap in (height < -STEEP, height > STEEP))
         return np.asarray(below < BURIED * above)
+
+    def overhead(self, up: Vector, eyes: Sequence[Eye]) -> Overhead:
+        """What closes a room above, as its enclosed points see it. up: (3,) unit. eyes: those chosen."""
+        stood = np.flatnonzero(self.enclosed)
+        met = self.distance[stood], self.inner[stood]
+        return Overhead.of(self.points[stood], self.directions, *met, up, eyes)
 
     def lowest(self, up: Vector, chosen: Indices) -> float:
         """Height of the lowest foreground that some of the points see, but for strays. up: (3,) unit."""
