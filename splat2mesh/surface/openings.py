@@ -26,7 +26,7 @@ def openings(borders: Sequence[Points], pictures: Sequence[RenderedPicture], rad
     large = np.flatnonzero(lengths > SMALLEST * tolerance)
     if not len(large) or not len(pictures):
         return found
-    probes = [_probes(borders[hole]) for hole in large]
+    probes = [_probes(borders[hole]) for hole in large.tolist()]
     places, owner = np.concatenate(probes), np.repeat(np.arange(len(large)), [len(each) for each in probes])
     empty, there = np.zeros(len(places), np.int64), np.zeros(len(places), np.int64)
     for picture in pictures:
