@@ -7,12 +7,11 @@ the noise that the spread of the single rays predicts. So the average is linear 
 """
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from splat2mesh.base.arrays import Mask
+from splat2mesh.base.arrays import Floats, Mask
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.kernels import kernel
 from splat2mesh.base.threads import in_slices
@@ -44,7 +43,7 @@ class BounceBlend:
         hidden: NDArray[np.float32],  # (V,) fraction of the cosine lobe
         known: Callable[[], NDArray[np.float32]],  # (V, 2 FIELDS) what rays met of known lights, and of their squares
         rays: int,  # from each vertex
-        share: NDArray[np.float64] | None = None,  # of another of the same
+        share: Floats | None = None,  # of another of the same
     ) -> None:
         """Measure the share, (N,), that each node takes from its ring. Raises InputError for one that does not fit."""
         rows = self._vertices = neighbors.vertices
@@ -72,10 +71,10 @@ class BounceBlend:
         return blended[self._node]
 
 
-def _checked(share: NDArray[Any], count: int) -> NDArray[np.float64]:
+def _checked(share: Floats, count: int) -> NDArray[np.float64]:
     if share.shape != (count,) or share.dtype != np.float64 or not (np.abs(share - 0.5) <= 0.5).all():
         raise InputError("kept shares of rings are of another kind")
-    return share
+    return np.asarray(share, np.float64)
 
 
 def known_lights(visible: NDArray[np.floating], normals: NDArray[np.float32]) -> NDArray[np.float32]:
