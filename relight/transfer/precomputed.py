@@ -1,7 +1,7 @@
 """Results that depend on the geometry alone: computed on first use, extended rather than repeated, kept between
 runs."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -150,7 +150,6 @@ class Precomputed:
             if serves(known, settings, self._leaves(settings)):
                 return transfer, settings._replace(rays=known[2], volume=leaf_directions(known))
         found = self._kept(settings) or self._computed(settings)
-        self._drop([key for key in self._transfers if stands_for(found[0], key)])  # as in a run that finds it kept
         while len(self._transfers) >= KEPT_IN_MEMORY:
             self._transfers.pop(next(iter(self._transfers)))
         self._transfers[found[0]] = found[1]
@@ -160,16 +159,13 @@ class Precomputed:
         """Let go of what is in memory and does not serve these Settings: transfers, of which the next is computed, or
         read, from what was traced; and bounces of fewer rays."""
         leaves = self._leaves(settings)
-        self._drop([key for key in self._transfers if not serves(key, settings, leaves)])
+        for key in [key for key in self._transfers if not serves(key, settings, leaves)]:
+            gone = self._transfers.pop(key)
+            for rays, (matrix, scaled_to) in list(self._interreflections.items()):
+                if scaled_to is gone:
+                    self._interreflections[rays] = matrix, None
         for rays in [rays for rays in self._interreflections if not 0 < settings.bounce_rays <= rays]:
             del self._interreflections[rays]
-
-    def _drop(self, keys: Iterable[Key]) -> None:
-        """Let go of transfers in memory."""
-        gone = [self._transfers.pop(key) for key in keys]
-        for rays, (matrix, scaled_to) in list(self._interreflections.items()):
-            if any(scaled_to is each for each in gone):
-                self._interreflections[rays] = matrix, None
 
     def interreflection(self, rays: int, transfer: Transfer) -> Interreflection:
         """The Interreflection of the scene, so many rays per vertex or more; rows complement what `transfer` sees."""
