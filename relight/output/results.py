@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from splat2mesh.scene.drawn import Drawn
 from splat2mesh.splats.splats import Splats
 
-from ..engine.appearance import LEAST_ALBEDO
 from ..light.captured import CapturedLight
 from . import mesh_files
 from .around_files import AroundFiles
@@ -21,6 +20,7 @@ from .engine_files import EngineFiles
 from .kinds import APART, FILES, SHEET
 from .lamps_glb import PlacedLamps
 from .live_files import LiveFiles
+from .mirrored_meshes import MirroredMeshes
 from .pass_files import PassFiles
 from .relit_splats import RelitSource
 from .subject import WrittenScene
@@ -83,15 +83,14 @@ class Results:
         self._picture: Any = None
         self._last_picture: NDArray[np.uint8] | None = None
         self._on_sheet: list[tuple[str, NDArray[np.uint8]]] = []
-        self._texture: Any = None
-        self._own_texture: Any = None  # False where the scene has none
-        self._mirror, self._mirrored = written.mirror, None  # type: Any, Any
+        self._texture, self._own_texture = None, None  # type: Any, Any  # own: False where the scene has none
+        self._mirrored = MirroredMeshes(written, self._relit)
 
     def write(self, folder: Path, shaded: "Shaded") -> tuple[list[str], dict[str, Any]]:
         """Fill an existing folder: (names of the files, further entries of the report)."""
         light, exposure = shaded.light, shaded.exposure
-        mesh = self._with_reflections(shaded) if self._baked or {"glb", "ply", "npy"} & {*self._kinds} else shaded
-        radiance = mesh.shading.radiance
+        on_mesh = bool(self._baked) or not {"glb", "ply", "npy"}.isdisjoint(self._kinds)
+        mesh = self._mirrored.with_reflections(shaded) if on_mesh else shaded
         pictured = "png" in self._kinds or "splat" in self._kinds  # what is written as a splat is shown too
         kinds = {*self._kinds, "png"} if pictured else self._kinds
         names = [FILES[kind] for kind in FILES if kind in kinds and kind not in APART]
@@ -103,9 +102,9 @@ class Results:
                 placed = self._lamps(light, exposure)
                 facts["clipped_vertices"] = self._write_glb(folder / FILES["glb"], mesh, extras, placed)
             if "ply" in self._kinds:
-                mesh_files.write_ply(folder / FILES["ply"], self._scene, radiance, exposure)
+                mesh_files.write_ply(folder / FILES["ply"], self._scene, mesh.shading.radiance, exposure)
             if "npy" in self._kinds:
-                mesh_files.write_npy(folder / FILES["npy"], self._scene, radiance)
+                mesh_files.write_npy(folder / FILES["npy"], self._scene, mesh.shading.radiance)
         if self._splats is not None and (
             pictured or self._around is not None or (self._engines is not None and self._engines.wants_relit)
         ):
@@ -140,25 +139,6 @@ class Results:
             shown = "splat" if relit is not None else "mesh" if self._texture is None else "texture"
             facts["preview"] = {"shows": shown, "camera": self._picture.camera}
         return names, facts
-
-    def _with_reflections(self, shaded: "Shaded") -> "Shaded":
-        """The same, with what the mesh has of a mirror world below a floor lit as the splats there are."""
-        look, shading = self._appearance, shaded.shading
-        if not self._scene.is_place or look.capture is None or (look.kept and shading.received is None):
-            return shaded
-        mirror = self._mirror()
-        if mirror is None:
-            return shaded
-        if self._mirrored is None:
-            from ..splats.mirrored_mesh import MirroredMesh
-
-            self._mirrored = MirroredMesh(self._scene, mirror, self._bound())
-        received = np.array(self._relit.received(shading))
-        radiance = self._mirrored.lit(shading.radiance, look.irradiance, received, shaded.exposure)
-        rows = self._mirrored.rows
-        albedo = look.captured if look.albedo is None else look.albedo
-        received[rows] = radiance[rows] / np.maximum(albedo[rows], np.float32(LEAST_ALBEDO))  # what textures show
-        return shaded._replace(shading=shading._replace(radiance=radiance, received=received))
 
     def _write_glb(self, path: Path, shaded: "Shaded", extras: dict[str, Any], placed: PlacedLamps) -> int:
         """relit.glb, in its texture where the scene has one; the number of vertices that are clipped."""

@@ -119,8 +119,8 @@ def state_of(folder):
     found = {}
     for path in sorted(Path(folder).rglob("*")):
         name = path.relative_to(folder).as_posix()
-        if path.name.startswith("plan-"):
-            found[name] = "plan"
+        if path.name.startswith(("plan-", "sample-")):  # with times
+            found[name] = "timed"
         elif path.is_symlink() or not path.is_file():
             found[name] = "folder" if path.is_dir() else "link"
         else:

@@ -11,7 +11,6 @@ from relight.transfer import kept, store
 from relight.transfer.analytic import analytic
 from relight.transfer.bounce_places import BouncePlaces
 from relight.transfer.bounces import Interreflection, with_bounces
-from relight.transfer.settings import Settings
 from relight.transfer.store import Cache
 from splat2mesh.scene.meshfile import write_mesh_ply
 from splat2mesh.scene.scene import Scene
@@ -73,23 +72,6 @@ def test_a_mesh_file_keeps_nothing_beside_it(tmp_path, noon):
         assert Cache.of_scene(each).folder is None
     opened(tmp_path / "corner.ply", rays=8).shade(noon)
     assert [path.name for path in tmp_path.iterdir()] == ["corner.ply"]
-
-
-def test_less_after_more_is_what_the_next_run_finds_for_it(folder):
-    less, more = Settings("raytraced", 5, 16, bounce_rays=8), Settings("raytraced", 5, 64, bounce_rays=8)
-    light = np.random.default_rng(0).random((507, 3), np.float32)
-
-    def lit(run):
-        transfer = run.transfer(less)[0]
-        return transfer, run.interreflection(8, transfer).bounce(light)
-
-    first = opened(folder).precomputed
-    before = lit(first)
-    first.transfer(more)
-    after, again = lit(first), lit(opened(folder).precomputed)
-    for found, kept_one, early in zip(after, again, before, strict=True):
-        np.testing.assert_array_equal(found, kept_one)
-        assert (found != early).any()
 
 
 @pytest.mark.parametrize("method", ["raytraced", "neural"])
