@@ -148,8 +148,8 @@ def test_what_is_looked_at_first_is_part_of_all_pictures(glazed):
     first = outer_looks(glazed.binding, glazed.scene, slice(GLANCE))
     joined = first.joined(outer_looks(glazed.binding, glazed.scene, slice(GLANCE, None)))
     assert abs(len(whole.eyes) - VIEWS) < 3 and len(first.eyes) == GLANCE
-    arrays = joined.arrays()
-    for name, expected in whole.arrays().items():
+    arrays = joined.arrays(glazed.binding.surface)
+    for name, expected in whole.arrays(glazed.binding.surface).items():
         np.testing.assert_array_equal(arrays[name], expected, err_msg=name)
     away = first.eyes / np.linalg.norm(first.eyes, axis=1, keepdims=True)
     assert (away @ away.T - 2 * np.eye(GLANCE)).max() < np.cos(np.radians(20.0))
