@@ -21,6 +21,7 @@ from . import fit, skylight, sun
 from .captured import HEIGHT, WIDTH, CapturedScene, CaptureEvidence, Estimate
 from .division import Prior, albedo_of
 from .reflected import guided
+from .rims import evened
 from .tint import balanced
 from .under_sky import beside_alone, light_under_sky
 
@@ -67,7 +68,8 @@ def estimate(
                 return alone
             lit = beside_alone(scene, lit, alone.environment)
         light_of_day = lit.environment if given.looks is None else balanced(scene, sky, lit.environment, volume)
-        return scene.result(light_of_day, seen, brighter=False)._replace(under_sky=True)
+        result = scene.result(light_of_day, seen, brighter=False)._replace(under_sky=True)
+        return evened(scene, result, volume) if lit.edged else result
     basis = harmonics.evaluate(scene.places.directions, LIGHT_BANDS)
     light = fit.SmoothLight(scene.places.sky, basis, scene.bounced())
     start = np.zeros((LIGHT_BANDS**2, 3))

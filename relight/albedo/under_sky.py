@@ -17,10 +17,12 @@ from .patches import ColorPatches
 
 
 class SkyLit(NamedTuple):
-    """The Environment of a capture under its sky; sure: whether that sky, or a sun found by its shadows, decided it."""
+    """The Environment of a capture under its sky; sure: whether that sky, or a sun found by its shadows, decided it.
+    edged: whether the edges of shadows show that sun."""
 
     environment: Environment
     sure: bool
+    edged: bool = False
 
 
 def light_under_sky(scene: CapturedScene, sky: CapturedSky, volume: Floats | None = None) -> SkyLit | None:
@@ -36,8 +38,8 @@ def light_under_sky(scene: CapturedScene, sky: CapturedSky, volume: Floats | Non
     start = skylight.start_of(light, parts, places.directions, colors, scene.start())
     patches = scene.patches(volume) if within or little else None
     if patches is not None:
-        environment, sunny = _by_contrast(scene, patches, sky, parts, start, volume)
-        return SkyLit(environment, within or sunny)
+        found = _by_contrast(scene, patches, sky, parts, start, volume)
+        return found._replace(sure=within or found.sure)
     return None if little else SkyLit(_by_pairs(scene, sky, light, start), True)
 
 
@@ -81,9 +83,8 @@ def _by_contrast(
     parts: skylight.SkyParts,
     start: NDArray[np.float64],
     volume: Floats | None,
-) -> tuple[Environment, bool]:
-    """The Environment of what a CapturedSky binds, and beyond it of what the contrast of the patches shows; and
-    whether that is a sun."""
+) -> SkyLit:
+    """The SkyLit of what a CapturedSky binds, and beyond it of what the contrast of patches shows; sure of a sun."""
     directions = scene.places.directions
     bound = luminance(skylight.without_excess(parts, start, directions))
     above = directions[:, 1] > 0.0
@@ -91,7 +92,7 @@ def _by_contrast(
     texels = projections.texel_directions(HEIGHT, WIDTH).reshape(-1, 3)
     looked_up = skylight.SkyParts.looked_up(sky, texels)
     image = skylight.without_excess(looked_up, start, texels)
-    image, sunny, lamp = image.reshape(HEIGHT, WIDTH, 3), 0.0, None
+    image, sunny, lamp, sharp = image.reshape(HEIGHT, WIDTH, 3), 0.0, None, None
     for share, found in contrast.brightness_of(patches, directions, bound, parts.clipped.mean(axis=1), unseen):
         region = looked_up.clipped + (looked_up.unseen * (texels[:, 1:2] > 0.0) if found.beyond else 0.0)
         more = region * found.excess * np.exp(texels @ found.lean)[:, None]
@@ -104,4 +105,4 @@ def _by_contrast(
         rest = image - sunny * sun.image_of(lamp, HEIGHT, WIDTH)
         sharp = edges.sharpened(scene, Environment(rest.astype(np.float32), "estimated"), lamp, sunny, volume)
         image = image if sharp is None else rest + sun.image_of(sharp, HEIGHT, WIDTH)
-    return Environment(image.astype(np.float32), "estimated"), sunny > 0.5
+    return SkyLit(Environment(image.astype(np.float32), "estimated"), sunny > 0.5, sharp is not None)
