@@ -273,13 +273,19 @@ def test_a_kept_answer_that_is_broken_counts_as_none(mirrored, tmp_path):
     assert isinstance(again, FloorMirror) and np.isfinite(again.offset)
 
 
-def test_the_mesh_shows_a_reflection_as_the_splats_do(mirrored):
+def meshed_with_images(mirrored):
+    """A mesh that has the images of the walls too, the floor that mirrors them, and the Binding of its splats."""
     _, splats, found = mirrored
     flip = np.array([1.0, -1.0, 1.0])
     standing = [*walls(), floor(True)]
     images = [(p * flip, n * flip, OWN + DIM * c, f[:, ::-1]) for p, n, c, f in standing[:-1]]
     scene = scene_of([*standing, *images])
     binding = Binding(splats, scene, views=()).mirroring(found, scene)
+    return scene, found, binding
+
+
+def test_the_mesh_shows_a_reflection_as_the_splats_do(mirrored):
+    scene, found, binding = meshed_with_images(mirrored)
     mesh = MirroredMesh(scene, found, binding)
     low = np.flatnonzero(scene.vertices[:, 1] < -found.margin)
     np.testing.assert_array_equal(mesh.rows, low)
@@ -346,12 +352,7 @@ def shown_change(live):
 
 
 def test_what_collides_finds_a_floor_and_no_image(mirrored):
-    _, splats, found = mirrored
-    flip = np.array([1.0, -1.0, 1.0])
-    standing = [*walls(), floor(True)]
-    images = [(p * flip, n * flip, OWN + DIM * c, f[:, ::-1]) for p, n, c, f in standing[:-1]]
-    scene = scene_of([*standing, *images])
-    binding = Binding(splats, scene, views=()).mirroring(found, scene)
+    scene, found, binding = meshed_with_images(mirrored)
     vertices, faces = closed_floor(scene, found, binding)
     assert vertices[:, 1].min() > -found.margin
     caster = RayCaster(vertices.astype(np.float32), faces)
