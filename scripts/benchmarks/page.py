@@ -4,9 +4,11 @@
 many. `first` is seconds from opening the file to the frame that shows relit splats, the least of `--opened`; `main`
 is the processor seconds of the page's own thread until then. Each change is the least of several pairs: processor
 milliseconds of the page's thread until the frame has been sent, and of all of Chromium, in which a software renderer
-does the work of the graphics card. `still` is a frame without a change. PSNR is over what shows the scene, and over
-all, without a sky behind, beside our rasteriser's picture of the splats that `--relit` names; to be exact, they come
-from the run that wrote the bundle, since another light may lead to another estimate of the captured light.
+does the work of the graphics card; `drawn` is milliseconds of the clock until the card is done, the median.
+`still` is a frame without a change. `--card` takes the graphics card in place of the software renderer.
+PSNR is over what shows the scene, and over all, without a sky behind, beside our rasteriser's picture of the splats
+that `--relit` names; to be exact, they come from the run that wrote the bundle, since another light may lead to another
+estimate of the captured light.
 """
 
 import hashlib
@@ -39,11 +41,31 @@ CHANGES = {
 }
 
 REPEAT = """(async () => {
-  const frame = () => new Promise((done) => relight.stage.app.once("frameend", done));
-  for (let i = FROM; i < FROM + TIMES; i++) { CHANGE; await frame(); await new Promise((done) => setTimeout(done)); }
-  const gl = relight.stage.app.graphicsDevice.gl;
-  if (gl) gl.finish();
+  const { app } = relight.stage, { gl, wgpu } = app.graphicsDevice, pixel = new Uint8Array(4), times = [];
+  const frame = () => new Promise((done) => app.once("frameend", done));
+  const done = async () => {
+    if (!gl) return wgpu.queue.onSubmittedWorkDone();
+    const bound = gl.getParameter(gl.FRAMEBUFFER_BINDING);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, null);
+    gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, pixel);  // which waits, as gl.finish() does not
+    gl.bindFramebuffer(gl.FRAMEBUFFER, bound);
+  };
+  for (let i = FROM; i < FROM + TIMES; i++) {
+    await done();
+    const start = performance.now();
+    CHANGE; await frame(); await done();
+    times.push(performance.now() - start);
+    await new Promise((next) => setTimeout(next));
+  }
+  return times;
 })()"""
+
+CARD = {
+    None: (),
+    "gl": ("--use-angle=gl-egl", "--ignore-gpu-blocklist"),
+    "vulkan": ("--use-angle=vulkan", "--enable-features=Vulkan", "--disable-vulkan-surface", "--ignore-gpu-blocklist"),
+}
+UNPACED = ("--disable-frame-rate-limit", "--disable-gpu-vsync", "--enable-unsafe-webgpu")
 
 SHOWN = "new Promise((done) => { let n = 0; const f = () => ++n > 4 ? done() : requestAnimationFrame(f); f(); })"
 
@@ -68,6 +90,7 @@ def arguments(parser):
     parser.add_argument("--opened", type=int, default=3, help="times that the page is opened")
     parser.add_argument("--side", type=int, default=480, help="pixels of the window's sides")
     parser.add_argument("--renderer", default="webgl", choices=["webgl", "webgpu"])
+    parser.add_argument("--card", choices=["gl", "vulkan"], help="how Chromium reaches the graphics card")
     parser.add_argument("--more", default="", help="further words of the address, such as &cpu")
     parser.add_argument("--relit", nargs="*", default=[], metavar="LIGHT:DEGREES:FILE")
     parser.add_argument("--eyes", type=int, default=4, help="views that are compared")
@@ -76,7 +99,7 @@ def arguments(parser):
 
 def run(options, report):
     """One row for each number of splats; then one for each light and view."""
-    times = {f"{name}_{who}": ".0f" for name in CHANGES for who in ("main", "all")}
+    times = {f"{name}_{who}": ".0f" for name in CHANGES for who in ("main", "all", "drawn")}
     with tempfile.TemporaryDirectory() as folder:
         if options.bundle is None:
             from live_scene import live_scene
@@ -143,7 +166,7 @@ def timed_page(page, options):
     url = f"file://{page.resolve()}#renderer={options.renderer}&noui&nopanel&ground=0{options.more}"
     row, opened = {}, []
     for number in range(options.opened):
-        with Browser("about:blank", (options.side, options.side)) as browser:
+        with Browser("about:blank", (options.side, options.side), CARD[options.card] + UNPACED) as browser:
             browser.call("Performance.enable", timeDomain="threadTicks")
             browser.call("Page.addScriptToEvaluateOnNewDocument", source=FIRST)
             browser.call("Page.navigate", url=url)
@@ -155,13 +178,14 @@ def timed_page(page, options):
                 continue
             time.sleep(3.0)  # sorted, and all that is ready later
             for name, change in CHANGES.items():
-                found = []
+                found, drawn = [], []
                 for start in range(0, options.times, 2):
                     script = REPEAT.replace("FROM", str(start)).replace("TIMES", "2").replace("CHANGE", change)
                     before = ticks(browser), processor(browser)
-                    browser.run(script, 600)
+                    drawn += browser.run(script, 600)
                     found.append((ticks(browser) - before[0], processor(browser) - before[1]))
                 row |= {f"{name}_{who}": 500 * min(each[k] for each in found) for k, who in enumerate(("main", "all"))}
+                row[f"{name}_drawn"] = float(np.median(drawn))
     return row | {"first": min(each[0] for each in opened), "main": min(each[1] for each in opened)}
 
 
