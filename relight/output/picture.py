@@ -13,7 +13,7 @@ from splat2mesh.scene.drawn import Drawn
 from splat2mesh.splats.splats import Splats
 
 from ..light.tonemap import compress_highlights
-from .backdrop import behind, is_soft
+from .backdrop import behind, is_even, is_soft
 from .catcher import Catcher, GroundLight
 from .inset import add_inset
 from .mesh_files import check_radiance
@@ -128,16 +128,24 @@ class RelitPicture:
             image[wanted] = PLAIN
             return image
         soft = self._scene.is_place and is_soft(environment, self._pixel / FINE)  # nothing is finer than a pixel
-        samples, shadows = 1 if soft else FINE, self._ground_under(environment)
+        shadows = self._ground_under(environment)
         rows, columns = np.nonzero(wanted)
 
-        def work(part: slice) -> None:
-            directions = self._toward(rows[part], columns[part], samples)
+        def draw(rows: NDArray, columns: NDArray, samples: int) -> None:
+            directions = self._toward(rows, columns, samples)
             shown = behind(environment, directions, self._pixel / FINE, exposure)
             if shadows is not None:
                 self._shade_ground(shown, directions, shadows)
             mean = compress_highlights(shown).reshape(-1, samples**2, 3).mean(axis=1)
-            image[rows[part], columns[part]] = srgb_from_linear(mean)
+            image[rows, columns] = srgb_from_linear(mean)
+
+        def work(part: slice) -> None:
+            across, down = rows[part], columns[part]
+            if soft:
+                return draw(across, down, 1)
+            even = is_even(environment, self._toward(across, down, 1), self._pixel)
+            draw(across[even], down[even], 1)
+            draw(across[~even], down[~even], FINE)
 
         if len(rows):
             work(slice(1))  # what is found once, by one thread
