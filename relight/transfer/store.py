@@ -42,7 +42,7 @@ LONGEST = 1 << 16
 """Bytes of the key and the settings of a file."""
 
 LEAST_BYTES, BYTES_PER_VERTEX, MOST_BYTES = 2**28, 1_100, 2 * 2**30
-"""Bytes of a folder's files, by the vertices of its scene, and their bounds; the newest of each kind stay whatever their
+"""Bytes of a folder's files, by the vertices of its scene, and their bounds; the newest of each kind stay whatever its
 size. One light of a place takes 600 to 1,300 bytes a vertex."""
 
 Made = TypeVar("Made")

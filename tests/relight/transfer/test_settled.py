@@ -1,4 +1,4 @@
-"""Light with all bounces, settled by a part of the rays: against the series of bounces, and what it may not depend on."""
+"""Light with all bounces, settled by a part of the rays: against the series of bounces, and what it depends on."""
 
 import numpy as np
 import pytest
