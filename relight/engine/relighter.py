@@ -229,12 +229,12 @@ class Relighter:
         self, direct: NDArray[np.float32], tint: NDArray[np.float32] | None, settings: Settings
     ) -> tuple[NDArray[np.float32], list[float], "Interreflection"]:
         """(exit radiance (V, 3) float32, what each bounce gave, the Interreflection that carried them)."""
-        from ..transfer.bounces import with_bounces
+        from ..transfer.settled import settled
 
         interreflection = self.interreflection(settings.bounce_rays)
         with self.stages.stage("bounces"):
             albedo = np.broadcast_to(np.float32(1.0), direct.shape) if tint is None else tint
-            return *with_bounces(direct, albedo, interreflection, settings.bounce_tolerance), interreflection
+            return *settled(direct, albedo, interreflection, settings.bounce_tolerance), interreflection
 
     def direct(
         self, environment: "Environment", settings: Settings

@@ -6,12 +6,12 @@ the model gets wrong in one light it mostly gets wrong in the other.
 
 import warnings
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from splat2mesh.base.errors import DataWarning
+from splat2mesh.base.errors import DataWarning, InputError
 
 from ..albedo.division import DARKEST
 from ..light.environment import Environment
@@ -19,6 +19,7 @@ from ..rooms.room import Room
 from ..transfer import SHADOWING
 from ..transfer.bounces import with_bounces
 from ..transfer.settings import Settings
+from ..transfer.store import array_key
 from .appearance import CAPTURE_OF_PLACE, Appearance
 from .assumed_light import OUTSIDE, assumed_change
 from .relighter import Relighter, Shading
@@ -125,7 +126,7 @@ class RelitRoom:
         settings = CAPTURE_OF_PLACE
         outside = np.zeros_like(look.captured)
         if not self._shut:
-            outside = self._relighter.shading(room.environment, room.albedo, settings).radiance
+            outside = self._from_outside(settings)
         return self._changed(outside, settings).astype(np.float32)
 
     def _changed(self, outside: NDArray[np.float32], settings: Settings) -> NDArray[np.float32]:
@@ -239,8 +240,28 @@ class RelitRoom:
         if self._before is None or self._before[0] != settings:
             before = room.by_lamps
             if not self._shut:
-                before = before + self._relighter.shading(room.environment, room.albedo, settings).radiance
+                before = before + self._from_outside(settings)
             if not self._shut or self._opened:
                 before = self._even_light(before)
             self._before = settings, before
         return self._before[1]
+
+    def _from_outside(self, settings: Settings) -> NDArray[np.float32]:
+        """(V, 3) float32 of what the windows let in of the captured light, by these settings; kept between runs."""
+        room, relighter = self._known, self._relighter
+        environment, seen = room.environment, relighter.precomputed.transfer(settings)[0]
+        rays = relighter.precomputed.interreflection(settings.bounce_rays, seen).rays if settings.bounce_rays else 0
+        text = np.frombuffer(repr((settings, rays, environment.rotation_deg)).encode(), np.uint8)
+        key = array_key(environment.radiance, room.albedo, seen[:, 0], text), relighter.seed
+
+        def checked(kept: dict[str, NDArray[Any]]) -> NDArray[np.float32]:
+            radiance = np.asarray(kept["radiance"])
+            if radiance.dtype != np.float32 or radiance.shape != room.albedo.shape or not np.isfinite(radiance).all():
+                raise InputError("the kept light of a room is of another kind")
+            return radiance
+
+        found = relighter.cache.restored(checked, "windows", *key)
+        if found is None:
+            found = relighter.shading(environment, room.albedo, settings).radiance
+            relighter.cache.put("windows", *key, radiance=found)
+        return found

@@ -23,6 +23,9 @@ PADDING = 8  # texels repeated across the seam, more than a cubic spline or the 
 
 BATCH = 2**14  # directions of a formula at once: their arrays stay in the caches
 
+EDGE, NEAR_SUN = 20.0, np.radians(3.0)
+"""Pixels from the horizon, and the angle from a sun, within which a built-in sky takes several samples a pixel."""
+
 GLARE = ((0.8, np.radians(0.6)), (0.25, np.radians(3.0)))
 """Display values at a sun's rim, and the angle at which 1/e is left: eyes and lenses spread what is too bright."""
 
@@ -48,6 +51,17 @@ def behind(
 def is_soft(environment: "Environment", pixel: float) -> bool:
     """Whether it is shown out of focus where a pixel covers this angle."""
     return environment.formula is None and np.pi / environment.radiance.shape[0] > COARSE * pixel
+
+
+def is_even(environment: "Environment", directions: NDArray, pixel: float) -> NDArray[np.bool_]:
+    """(N,) bool, where a built-in sky changes so slowly that the middle of a pixel shows it: not near horizon or sun."""
+    sun = None if environment.formula is None else skies.sun_of(environment.formula)
+    if environment.formula is None:
+        return np.zeros(len(directions), bool)
+    even = np.abs(directions[:, 1]) > EDGE * pixel
+    if sun is not None:
+        even &= _unturned(directions, environment.rotation_deg) @ sun[0] < np.cos(NEAR_SUN)
+    return even
 
 
 def _sky(name: str, directions: NDArray, turn_deg: float, exposure: float) -> NDArray[np.float32]:

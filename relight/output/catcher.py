@@ -1,6 +1,6 @@
 """A soft shadow on the ground under an object: the light from above that it occludes."""
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,9 @@ lie 6.5 degrees apart, which softens every shadow by as much."""
 BLUR = 0.8
 """Standard deviation, in points, by which shadows are smoothed: the ground's points leave no stairs."""
 
+BESIDE = 1.01
+"""Radius of a sphere around the object, in radii of it: rays that miss it are not traced."""
+
 LIFT = 1e-3
 """Height above the ground, in radii, from which rays start: the object's own underside hides all, not a part."""
 
@@ -58,9 +61,14 @@ class Catcher:
         rays = np.empty((SIDE * SIDE, 6), np.float32)
         rays[:, :3] = points.reshape(-1, 3)
         self._open = np.empty((len(self._directions), SIDE * SIDE), bool)
+        middle = np.asarray(0.5 * (low + high), np.float64)
+        offsets = middle - rays[:, :3]
+        beside = np.square(offsets).sum(axis=1) - (BESIDE * self._radius) ** 2
         for index, direction in enumerate(self._directions):
+            near = np.flatnonzero(np.square(offsets @ direction) > beside)  # rays past the whole object meet nothing
             rays[:, 3:] = direction
-            self._open[index] = ~caster.occluded(rays)
+            self._open[index] = True
+            self._open[index, near] = ~caster.occluded(rays[near])
 
     def ground(self) -> ShadowedGround:
         """The same for the page."""
@@ -68,22 +76,14 @@ class Catcher:
         reach = REACH * self._radius
         return ShadowedGround(self.height, self._middle, reach, steps, self._directions, ~self._open, SHARED, BLUR)
 
-    def shadow(self, environment: "Environment", points: NDArray) -> NDArray:
-        """Share (N, 3) float32 of the light from above that reaches points (N, 2) of the ground: x and z."""
+    def under(self, environment: "Environment") -> "GroundLight":
+        """The ground in a light."""
         arriving = self._arriving(environment)
         whole = arriving.sum(axis=0)
         lit = np.einsum("kp,kc->pc", self._open.astype(np.float32), arriving)
         share = np.divide(lit, whole, out=np.ones_like(lit), where=whole > 0.0).reshape(SIDE, SIDE, 3)
         share = gaussian_filter(share, (BLUR, BLUR, 0), mode="nearest")
-        # What is still in shadow at the rim of the square fades out there, without an edge.
-        offset = (np.asarray(points, np.float64) - self._middle) / (REACH * self._radius)
-        fade = np.clip(4.0 * (1.0 - np.linalg.norm(offset, axis=1)), 0.0, 1.0)[:, None]
-        place = (_gathered(np.clip(offset, -1.0, 1.0)) + 1.0) * 0.5 * (SIDE - 1)
-        found = [
-            map_coordinates(share[..., channel], (place[:, 1], place[:, 0]), order=1, mode="nearest")
-            for channel in range(3)
-        ]
-        return (1.0 - fade * (1.0 - np.stack(found, axis=-1))).astype(np.float32)
+        return GroundLight(self.height, self._middle, REACH * self._radius, share)
 
     def _arriving(self, environment: "Environment") -> NDArray[np.float32]:
         """Irradiance (K, 3) float32 of level ground from around each direction."""
@@ -104,6 +104,28 @@ class Catcher:
                 shared = weights[:, rank] * light[:, channel]
                 arriving[:, channel] += np.bincount(nearest[:, rank], shared, len(self._directions))
         return arriving.astype(np.float32)
+
+
+class GroundLight(NamedTuple):
+    """Ground in a light. height: scene frame. middle: (2,) float64, x and z. reach: half of the sampled square's side.
+    shares: (SIDE, SIDE, 3) float32 of the light from above."""
+
+    height: float
+    middle: NDArray[np.floating]
+    reach: float
+    shares: NDArray[np.float32]
+
+    def share(self, points: NDArray) -> NDArray[np.float32]:
+        """Share (N, 3) float32 of the light from above that reaches points (N, 2) of the ground: x and z."""
+        # What is still in shadow at the rim of the square fades out there, without an edge.
+        offset = (np.asarray(points, np.float64) - self.middle) / self.reach
+        fade = np.clip(4.0 * (1.0 - np.linalg.norm(offset, axis=1)), 0.0, 1.0)
+        near, share = np.flatnonzero(fade), np.ones((len(offset), 3), np.float32)
+        place = (_gathered(np.clip(offset[near], -1.0, 1.0)) + 1.0) * 0.5 * (SIDE - 1)
+        for channel in range(3):
+            found = map_coordinates(self.shares[..., channel], (place[:, 1], place[:, 0]), order=1, mode="nearest")
+            share[near, channel] = 1.0 - fade[near] * (1.0 - found)
+        return share
 
 
 def _upper_hemisphere() -> NDArray[np.float32]:

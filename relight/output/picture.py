@@ -6,14 +6,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from splat2mesh.base.threads import in_batches
 from splat2mesh.render.rasterize import Rendering, rasterize
 from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
 from splat2mesh.scene.drawn import Drawn
 from splat2mesh.splats.splats import Splats
 
 from ..light.tonemap import compress_highlights
-from .backdrop import behind, is_soft
-from .catcher import Catcher
+from .backdrop import behind, is_even, is_soft
+from .catcher import Catcher, GroundLight
 from .inset import add_inset
 from .mesh_files import check_radiance
 from .preview import Preview
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
 
 FINE = 2
 """Samples along a pixel's side of what is behind: a horizon and a sun have smooth edges."""
+
+BATCH = 2**12  # pixels of the background at once: their arrays stay in the caches
 
 PLAIN = 0.62
 """Display value of the background without a known light: no surface is as even."""
@@ -125,18 +128,33 @@ class RelitPicture:
             image[wanted] = PLAIN
             return image
         soft = self._scene.is_place and is_soft(environment, self._pixel / FINE)  # nothing is finer than a pixel
-        samples = 1 if soft else FINE
-        directions = self._toward(wanted, samples)
-        part = behind(environment, directions, self._pixel / FINE, exposure)
-        if not self._scene.is_place:
-            self._shade_ground(part, directions, environment)
-        mean = compress_highlights(part).reshape(-1, samples**2, 3).mean(axis=1)
-        image[wanted] = srgb_from_linear(mean)
+        shadows = self._ground_under(environment)
+        rows, columns = np.nonzero(wanted)
+
+        def draw(rows: NDArray, columns: NDArray, samples: int) -> None:
+            directions = self._toward(rows, columns, samples)
+            shown = behind(environment, directions, self._pixel / FINE, exposure)
+            if shadows is not None:
+                self._shade_ground(shown, directions, shadows)
+            mean = compress_highlights(shown).reshape(-1, samples**2, 3).mean(axis=1)
+            image[rows, columns] = srgb_from_linear(mean)
+
+        def work(part: slice) -> None:
+            across, down = rows[part], columns[part]
+            if soft:
+                return draw(across, down, 1)
+            even = is_even(environment, self._toward(across, down, 1), self._pixel)
+            draw(across[even], down[even], 1)
+            draw(across[~even], down[~even], FINE)
+
+        if len(rows):
+            work(slice(1))  # what is found once, by one thread
+            in_batches(work, len(rows), BATCH)
         return image
 
-    def _toward(self, wanted: NDArray[np.bool_], samples: int) -> NDArray[np.float32]:
-        """Unit directions (N * samples^2, 3) float32 through the N pixels wanted, so many along a side of each."""
-        view, (rows, columns) = self.view, np.nonzero(wanted)
+    def _toward(self, rows: NDArray, columns: NDArray, samples: int) -> NDArray[np.float32]:
+        """Unit directions (N * samples^2, 3) float32 through N pixels, so many along a side of each."""
+        view = self.view
         within = (np.arange(samples) + 0.5) / samples
         x = np.broadcast_to(columns[:, None, None] + within, (len(rows), samples, samples))
         y = np.broadcast_to(rows[:, None, None] + within[:, None], x.shape)
@@ -144,17 +162,23 @@ class RelitPicture:
         seen /= np.linalg.norm(seen, axis=1, keepdims=True)
         return (seen @ view.camera_from_world[:3, :3]).astype(np.float32)
 
-    def _shade_ground(self, shown: NDArray, directions: NDArray, environment: "Environment") -> None:
+    def _ground_under(self, environment: "Environment") -> "GroundLight | None":
+        """The light that reaches the ground; None for a place, which has its own."""
+        if self._scene.is_place:
+            return None
         if self._catcher is None:
             self._catcher = Catcher(self._scene, self.mesh.caster)
+        return self._catcher.under(environment)
+
+    def _shade_ground(self, shown: NDArray, directions: NDArray, light: "GroundLight") -> None:
         eye, down = self.view.center, -directions[:, 1]
-        above = eye[1] - self._catcher.height
+        above = eye[1] - light.height
         met = down > 1e-3
         if above <= 0.0 or not met.any():
             return
         reached = directions[met] * (above / down[met])[:, None]
         ground = np.stack([eye[0] + reached[:, 0], eye[2] + reached[:, 2]], axis=-1)
-        shown[met] *= self._catcher.shadow(environment, ground)
+        shown[met] *= light.share(ground)
 
 
 def _over(color: NDArray, alpha: NDArray, back: NDArray) -> NDArray:

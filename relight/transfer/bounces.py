@@ -137,6 +137,7 @@ class Interreflection:
     def bounce(
         self,
         radiance: ArrayLike,  # (V, C) or (V,) exit radiance
+        thinning: int = 1,  # one ray in so many carries it
     ) -> NDArray[np.float32]:
         """B X: exit radiance of a white vertex due to light from other surfaces; shaped as X, float32.
 
@@ -148,14 +149,16 @@ class Interreflection:
             raise InputError(f"the radiance must have shape {expected}, found {radiance.shape}")
         columns = read_only(radiance.reshape(len(radiance), -1))
         if self._blend is None:
-            result = self._gathered(columns, self._scale)
+            result = self._gathered(columns, self._scale, thinning)
         else:
-            result = self.hidden[:, None] * self._blend(self._gathered(columns, self._per_hit))
+            result = self.hidden[:, None] * self._blend(self._gathered(columns, self._per_hit, thinning))
         if self.receivers is not None:
             self.receivers.filled(result)
         return result.reshape(radiance.shape)
 
-    def _gathered(self, columns: NDArray[np.float32], scale: NDArray[np.float32]) -> NDArray[np.float32]:
+    def _gathered(
+        self, columns: NDArray[np.float32], scale: NDArray[np.float32], thinning: int = 1
+    ) -> NDArray[np.float32]:
         """(V, C) sums over the hits of each row of columns (V, C), times a scale (V,)."""
         result = np.zeros_like(columns)
         kernel = gather_rgb if columns.shape[1] == 3 else gather
@@ -164,7 +167,7 @@ class Interreflection:
         def work(start: int) -> None:
             part = slice(start, start + batch)
             starts = self._starts[start : start + batch + 1]
-            kernel(self._rows[part], starts, self._corners, self._parts, scale, columns, result)
+            kernel(self._rows[part], starts, self._corners, self._parts, scale, columns, result, thinning)
 
         deque(in_order(work, range(0, len(self._rows), batch)), maxlen=0)
         return result

@@ -41,9 +41,9 @@ LARGEST = 1 << 34
 LONGEST = 1 << 16
 """Bytes of the key and the settings of a file."""
 
-MOST_BYTES = 2 * 2**30
-"""Most bytes of a folder's files, except the newest: 160 MB is the transfer of a large place."""
-
+LEAST_BYTES, BYTES_PER_VERTEX, MOST_BYTES = 2**28, 1_100, 2 * 2**30
+"""Bytes of a folder's files, by the vertices of its scene, and their bounds; the newest of each kind stay whatever its
+size. One light of a place takes 600 to 1,300 bytes a vertex."""
 
 Made = TypeVar("Made")
 
@@ -51,14 +51,21 @@ Made = TypeVar("Made")
 class Cache:
     """Named arrays of one geometry in a folder. Without a folder it stores nothing and finds nothing.
 
-    read_only: existing files are read, and nothing is written, not even the time of last use.
+    read_only: existing files are read, and nothing is written, not even the time of last use. vertices: of the scene,
+    which bound the size of the folder.
     """
 
     def __init__(
-        self, folder: str | os.PathLike[str] | None = None, geometry: str = "", read_only: bool = False
+        self,
+        folder: str | os.PathLike[str] | None = None,
+        geometry: str = "",
+        read_only: bool = False,
+        vertices: int | None = None,
     ) -> None:
         self.folder: Path | None = None if folder is None else Path(folder)
         self._read_only = read_only
+        wanted = MOST_BYTES if vertices is None else max(LEAST_BYTES, BYTES_PER_VERTEX * vertices)
+        self._most_bytes = min(wanted, MOST_BYTES)
         if self.folder is not None and os.path.islink(self.folder):
             self.folder = None  # a scene from elsewhere must not have files written to a place that it names
         self._key = f"{VERSION} {geometry}"
@@ -70,7 +77,7 @@ class Cache:
         """In the folder that a Scene was loaded from; a Scene of a mesh file, or of none, keeps nothing."""
         if scene.path is None or not Path(scene.path).is_dir():
             return cls()
-        return cls(Path(scene.path) / FOLDER, geometry_key(scene), read_only)
+        return cls(Path(scene.path) / FOLDER, geometry_key(scene), read_only, len(scene.vertices))
 
     def get(self, kind: str, *settings: object) -> dict[str, NDArray[Any]] | None:
         """Dict of the arrays kept under a kind and its settings, or None."""
@@ -147,13 +154,15 @@ class Cache:
                     path.unlink()
 
     def _fit(self) -> None:
-        """Remove what was not used for longest until the rest is small enough."""
+        """Remove what was not used for longest until the rest is small enough; the newest of each kind stay."""
         files = sorted(((path.stat().st_mtime, path.stat().st_size, path) for path in self._files()), reverse=True)
-        total = 0
-        for index, (_, size, path) in enumerate(files):
-            total += size
-            if index and total > MOST_BYTES:
-                path.unlink(missing_ok=True)
+        newest = {path.name.split("-")[0]: path for _, _, path in reversed(files)}
+        total = sum(path.stat().st_size for path in newest.values())
+        for _, size, path in files:
+            if path not in newest.values():
+                total += size
+                if total > self._most_bytes:
+                    path.unlink(missing_ok=True)
 
     def _path(self, folder: Path, kind: str, settings: tuple[object, ...]) -> Path:
         return folder / ("-".join([kind, *map(str, settings)]) + ".npz")

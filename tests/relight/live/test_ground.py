@@ -73,11 +73,11 @@ def by_the_page(folder, catcher, environment, angle_deg=0.0, moved=()):
 
 
 def by_pictures(catcher, environment):
-    """The same display factors by `Catcher.shadow`."""
+    """The same display factors by `Catcher.under`."""
     ground = catcher.ground()
     z, x = np.meshgrid(ground.steps, ground.steps, indexing="ij")
     points = ground.middle + ground.reach * np.stack([x, z], axis=-1).reshape(-1, 2)
-    share = catcher.shadow(environment, points).reshape(*x.shape, 3)
+    share = catcher.under(environment).share(points).reshape(*x.shape, 3)
     return 255.0 * (1.0 - share ** (1 / 2.4))
 
 

@@ -87,7 +87,7 @@ def test_nothing_hides_light_from_far_ground_and_a_body_on_it_hides_most_below_i
     low, high = scene.bounds
     middle = 0.5 * (low + high)[[0, 2]]
     far = middle + np.array([30.0 * np.ptp(scene.bounds), 0.0])
-    below, away = catcher.shadow(EVEN, np.array([middle, far]))
+    below, away = catcher.under(EVEN).share(np.array([middle, far]))
     assert np.all(away == 1.0) and np.all(below < 0.1)
 
 
@@ -99,9 +99,9 @@ def test_a_sun_throws_the_shadow_to_the_other_side():
     reach = 0.5 * np.ptp(scene.bounds[:, 0])
     middle = 0.5 * scene.bounds.sum(axis=0)[[0, 2]]
     points = middle + np.array([[-1.3 * reach, 0.0], [1.3 * reach, 0.0]])
-    dark, light = catcher.shadow(Environment(image), points)[:, 0]
+    dark, light = catcher.under(Environment(image)).share(points)[:, 0]
     assert dark < 0.6 < 0.9 < light
-    turned = catcher.shadow(Environment(image).rotated(180.0), points)[:, 0]
+    turned = catcher.under(Environment(image).rotated(180.0)).share(points)[:, 0]
     np.testing.assert_allclose(turned[::-1] < 0.7, [True, False])
 
 

@@ -161,6 +161,29 @@ def test_few_files_of_a_kind_stay_and_those_are_the_latest_used(tmp_path):
     assert kept.settings_of("light") == [(0,)]
 
 
+def test_a_small_scene_keeps_less_and_what_was_not_used_for_longest_goes_but_the_newest_of_each_kind(
+    tmp_path, monkeypatch
+):
+    monkeypatch.setattr(store, "LEAST_BYTES", 0)
+    monkeypatch.setattr(store, "BYTES_PER_VERTEX", 10)
+    kept, block = Cache(tmp_path, "geometry", vertices=1_000), np.zeros(375)  # 10,000 bytes: three files
+
+    def put(kind, number, time_s):
+        kept.put(kind, number, block=block)
+        os.utime(tmp_path / f"{kind}-{number}.npz", (time_s, time_s))
+
+    put("binding", 0, 1e9)
+    put("bounces", 0, 1e9 + 1)
+    put("transfer", 0, 1e9 + 2)
+    put("bounces", 1, 1e9 + 3)
+    assert kept.settings_of("bounces") == [(1,)]  # the binding is older, but the only one
+    kept.put("transfer", 1, block=block)
+    assert kept.settings_of("transfer") == [(1,)] and kept.get("binding", 0) is not None
+    few = Cache(tmp_path, "geometry", vertices=1)  # one light needs all of its kinds, however few are to stay
+    few.put("light", 0, block=block)
+    assert all(few.settings_of(kind) for kind in ("binding", "bounces", "transfer", "light"))
+
+
 def test_any_change_of_what_light_depends_on_is_another_geometry():
     scene, _ = corner(3)
     (chunk,) = scene.chunks
