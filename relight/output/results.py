@@ -163,9 +163,10 @@ class Results:
             if any(each.splat is None for each in shaded.inserted.standing.objects):
                 write_inserted_glb(folder / INSERTED[0], shaded.inserted, shaded.exposure)
                 names.append(INSERTED[0])
-            splats = shaded.inserted.splats_put_in(shaded.exposure)
-            if splats is not None and "splat" in self._kinds and relit is not None:
-                append_splats(folder / FILES["splat"], splats)
+            if "splat" in self._kinds and relit is not None:
+                splats = self._relit.put_in(shaded.inserted, shaded.exposure)
+                if splats is not None:
+                    append_splats(folder / FILES["splat"], splats)
         if relit is None:
             return names
         with self._stages.stage("preview"):
@@ -208,7 +209,8 @@ class Results:
         if self._splats is None:
             exposure = shaded.exposure
             return lambda pose: mesh_with_objects(self._scene, radiance, pose, camera, PICTURE_SIZE, light, exposure)
-        bound = ShadowedSplats(poses, self._relit.without_objects(shaded))
+        floor = self._relit.floor_under(shaded.inserted, shaded.exposure)
+        bound = ShadowedSplats(poses, self._relit.without_objects(shaded), floor)
         picture = RelitPicture(self._scene, camera, *PICTURE_SIZE)
 
         def drawn(pose: "InsertedLight") -> NDArray[np.uint8]:
@@ -222,7 +224,8 @@ class Results:
         if shaded.inserted is not None:
             from .inserted_picture import with_objects
 
-            relit = with_objects(relit, shaded.inserted, shaded.exposure, picture.view, self._scene)
+            floor = self._relit.floor_under(shaded.inserted, shaded.exposure)
+            relit = with_objects(relit, shaded.inserted, shaded.exposure, picture.view, self._scene, floor=floor)
         return picture.of_splats(relit, light, shaded.exposure * shaded.backdrop)
 
     def _painted(self, relit: Splats | None, shaded: "Shaded") -> NDArray[np.uint8]:

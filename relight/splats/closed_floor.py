@@ -68,7 +68,7 @@ def closed_floor(scene: Scene, mirror: FloorMirror, splats: Splats, cache: Cache
         return scene
     eyes = standing(scene)
     eyes = eyes[eyes @ mirror.normal > mirror.offset]
-    key = array_key(mirror.rows, mirror.normal, np.array([mirror.offset, mirror.margin]), splats.means, splats.sh)
+    key = array_key(mirror.rows, mirror.normal, np.array([mirror.offset, mirror.margin]), splats.means, splats.sh[:, 0])
     patch = None if cache is None else cache.restored(_restored, "closed_floor", key)
     if patch is None:
         patch = _patch(scene, mirror, splats, RayCaster(scene.vertices, standing_faces), eyes)
@@ -128,6 +128,8 @@ def _patch(scene: Scene, mirror: FloorMirror, splats: Splats, there: RayCaster, 
     first /= np.linalg.norm(first)
     steps = margin * np.stack([first, np.cross(normal, first)])
     cells = _seen_cells(placed(splats, scene)[mirror.rows], mirror, there, eyes, steps)
+    if not len(cells):
+        return _Patch(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.int32), np.zeros((0, 3), np.uint8))
     corners = (cells[:, None] + [[0, 0], [1, 0], [1, 1], [0, 1]]).reshape(-1, 2)
     corners, number = np.unique(corners, axis=0, return_inverse=True)
     number = number.reshape(-1, 4)
@@ -137,7 +139,9 @@ def _patch(scene: Scene, mirror: FloorMirror, splats: Splats, there: RayCaster, 
     floor = (hits.distance < 2.0 * margin) & (hits.normals @ normal > LEVEL_ENOUGH)
     rise = (1.0 - UNDER) * margin - hits.distance[floor].astype(np.float64)
     points[floor] += np.minimum(rise, -UNDER * margin)[:, None] * normal
-    used, number = np.unique(number[~floor[number].all(axis=1)], return_inverse=True)
+    below = there.occluded(_upwards(points, mirror))  # what is beyond the walls is not
+    wanted = ~floor[number].all(axis=1) & below[number].any(axis=1)
+    used, number = np.unique(number[wanted], return_inverse=True)
     a, b, c, d = number.reshape(-1, 4).T.astype(np.int32)
     faces = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
     vertices = points[used].astype(np.float32)
@@ -155,14 +159,19 @@ def _seen_cells(
         seen = seen_at(images, depth, eye[None], mirror.normal, mirror.offset)
         ways = np.hstack([np.broadcast_to(eye, seen.shape), seen - eye]).astype(np.float32)
         seen = seen[~there.occluded(ways, FREE)]
-        up = np.hstack([seen + mirror.margin * mirror.normal, np.broadcast_to(mirror.normal, seen.shape)])
-        seen = seen[there.occluded(up.astype(np.float32))]
+        seen = seen[there.occluded(_upwards(seen, mirror))]
         found = np.floor(seen @ np.linalg.pinv(COARSE * steps)).astype(np.int64)
         blocks = np.unique(np.concatenate([blocks, found]), axis=0)
     around = np.stack(np.meshgrid([-1, 0, 1], [-1, 0, 1]), axis=-1).reshape(-1, 1, 2)
     blocks = np.unique((blocks + around).reshape(-1, 2), axis=0)
     within = np.stack(np.meshgrid(*(np.arange(COARSE),) * 2), axis=-1).reshape(-1, 1, 2)
     return (COARSE * blocks + within).reshape(-1, 2)
+
+
+def _upwards(points: Points, mirror: FloorMirror) -> NDArray[np.float32]:
+    """Rays (N, 6) from above the floor that is there."""
+    starts = points + mirror.margin * mirror.normal
+    return np.hstack([starts, np.broadcast_to(mirror.normal, starts.shape)]).astype(np.float32)
 
 
 def _colors(

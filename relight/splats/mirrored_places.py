@@ -54,21 +54,17 @@ class MirroredPlaces:
         rows: Indices,  # (M,) of them: the mirror world
     ) -> None:
         """Raises InputError where nothing stands above the floor."""
-        matrix = np.asarray(scene.scene_from_splat, np.float64)
-        normal = matrix[:3, :3].T @ mirror.normal
-        size = float(np.linalg.norm(normal))
-        normal, offset = normal / size, float(mirror.offset - matrix[:3, 3] @ mirror.normal) / size
-        margin = mirror.margin / size
+        normal, offset, margin = plane_of(mirror, scene)
         height = surface.points.astype(np.float64) @ normal - offset
         corners = height[surface.faces]
         self.rows = rows
         self._above = _SurfacePart(surface, (corners > -margin).all(axis=1))
         level = surface.normals[surface.faces].mean(axis=1) @ normal > LEVEL
         self._floor = _SurfacePart(surface, level & (np.abs(corners) < margin).all(axis=1))
-        some, back = splats.take(rows), np.linalg.inv(matrix)
+        some, back = splats.take(rows), np.linalg.inv(np.asarray(scene.scene_from_splat, np.float64))
         means = some.means.astype(np.float64)
         depth = offset - means @ normal
-        above = _mirrored(some, normal, depth)
+        above = mirrored_splats(some, normal, depth)
         self.means, self._mirrored = above.means, Places(self._above.surface, above)
         eyes = standing(scene) @ back[:3, :3].T + back[:3, 3]
         seen = seen_at(means, depth, eyes, normal, offset)
@@ -114,8 +110,16 @@ class _SurfacePart:
         self.surface._caster = None
 
 
-def _mirrored(splats: Splats, normal: NDArray[np.float64], depth: NDArray[np.float64]) -> Splats:
-    """Splats as they lie above the plane. depth: (M,) below it."""
+def plane_of(mirror: FloorMirror, scene: Scene) -> tuple[NDArray[np.float64], float, float]:
+    """Normal (3,), offset and margin of a floor of a Scene, in the frame of its splats."""
+    matrix = np.asarray(scene.scene_from_splat, np.float64)
+    normal = matrix[:3, :3].T @ mirror.normal
+    size = float(np.linalg.norm(normal))
+    return normal / size, float(mirror.offset - matrix[:3, 3] @ mirror.normal) / size, mirror.margin / size
+
+
+def mirrored_splats(splats: Splats, normal: NDArray[np.float64], depth: NDArray[np.float64]) -> Splats:
+    """Splats as they lie on the other side of a plane. depth: (M,) below it."""
     moved = _moved(splats, splats.means + 2.0 * depth[:, None] * normal)
     w, x, y, z = splats.quats_wxyz.astype(np.float64).T
     # A Gaussian mirrored at a plane is one turned by half a turn about its normal: it has no handedness.
