@@ -241,7 +241,7 @@ class Binding:
         touched = np.zeros(len(of_nodes), bool)
         touched[self.surface.node[changed]] = True
         places = self.places
-        reached = touched[places.columns].any(axis=1)
+        reached = np.asarray(touched[places.columns].any(axis=1))
         if self._mirrored is not None:
             reached[self._mirrored.rows] = True
         rows = np.flatnonzero(reached)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from splat2mesh.base.arrays import Faces, Mask, Points
+from splat2mesh.base.arrays import Faces, Floats, Mask, Points
 from splat2mesh.base.errors import InputError
 from splat2mesh.render.rasterize import rasterize
 from splat2mesh.render.raycaster import RayCaster
@@ -62,7 +62,7 @@ def closed_floor(scene: Scene, mirror: FloorMirror, splats: Splats, cache: Cache
     if len(scene.source.get("objects") or ()) > 1:
         return scene
     image = _images(scene, mirror, splats)
-    kept = [~image[faces].any(axis=1) for faces in _by_chunk(scene)]
+    kept: list[Mask] = [np.asarray(~image[faces].any(axis=1)) for faces in _by_chunk(scene)]
     standing_faces = scene.faces[np.concatenate(kept)]
     if not len(standing_faces):
         return scene
@@ -79,7 +79,9 @@ def closed_floor(scene: Scene, mirror: FloorMirror, splats: Splats, cache: Cache
 
 def _mended(scene: Scene, kept: list[Mask], patch: _Patch, mirror: FloorMirror, eyes: Points) -> Scene:
     """The Scene with the kept faces of its chunks alone, and a patch."""
-    chunks, hull, shares = [], [], []
+    chunks: list[Mesh] = []
+    hull: list[int] = []
+    shares: list[Floats] = []
     volume = None if scene.measured is None else scene.measured.vertex_volume
     starts = np.cumsum([0, *(len(chunk.vertices) for chunk in scene.chunks)])
     for number, (chunk, rows) in enumerate(zip(scene.chunks, kept, strict=True)):
@@ -149,7 +151,7 @@ def _patch(scene: Scene, mirror: FloorMirror, splats: Splats, there: RayCaster, 
 
 
 def _seen_cells(
-    images: Points, mirror: FloorMirror, there: RayCaster, eyes: Points, steps: NDArray[np.float64]
+    images: NDArray[np.float64], mirror: FloorMirror, there: RayCaster, eyes: Points, steps: NDArray[np.float64]
 ) -> NDArray[np.int64]:
     """Cells (G, 2) of the plane where eyes (E, 3) see images (M, 3), and those about them. Cell i is the square from
     i @ steps + offset normal on. Outdoors, where nothing is above, an eye sees what is below a window's sill."""
@@ -201,7 +203,7 @@ def _colors(
             starts = np.broadcast_to(eye, (len(asked), 3))
             ways = np.hstack([starts, turned[asked] * (far[asked, None] - mirror.margin)]).astype(np.float32)
             far[asked[there.occluded(ways, 1.0)]] = np.nan
-            depth = (far * (rays @ view.forward)).reshape(PIXELS, PIXELS)
+            depth = (far * (rays @ view.forward)).reshape(PIXELS, PIXELS).astype(np.float32)
             near = mirror.margin / scale
             color = np.clip(rasterize(splats, view, near).color, 0.0, 1.0)
             pictures.append(RenderedPicture.from_render(view, color, depth, np.full_like(depth, np.nan)))
