@@ -53,8 +53,8 @@ class Inputs:
             return light_of(self.request.env)
 
     @cached_property
-    def scene(self) -> Scene:
-        """The scene to light; of an animation its first frame."""
+    def read_scene(self) -> Scene:
+        """The scene as read; of an animation its first frame."""
         self.require("environment", "asked_lamps", "asked_inserts")  # what cannot be read fails before a scene is read
         with self.stages.stage("load"):
             return self.animation.scene if self.plays else as_scene(self.request.scene)
@@ -72,11 +72,11 @@ class Inputs:
         """
         wanted = bool(set(OF_SPLATS) & set(self.request.formats or ()))
         asked = wanted or (self._of_splats and (bool(self.request.baked) or self.request.splat is not None))
-        if not asked and "sha256" not in self.scene.source:
+        if not asked and "sha256" not in self.read_scene.source:
             return None
         with self.stages.stage("load"):
             try:
-                return source_splats(self.scene, self.request.splat)
+                return source_splats(self.read_scene, self.request.splat)
             except InputError as error:
                 if asked:
                     raise
@@ -96,12 +96,12 @@ class Inputs:
     @cached_property
     def options(self) -> LightingOptions:
         """The given options; without a tolerance, with the default for this kind of scene."""
-        return self.request.lighting.planned(PLACE_TOLERANCE if self.scene.is_place else DEFAULT_TOLERANCE)
+        return self.request.lighting.planned(PLACE_TOLERANCE if self.read_scene.is_place else DEFAULT_TOLERANCE)
 
     @property
     def from_inside(self) -> bool:
         """Whether the scene was captured from within."""
-        return self.scene.capture.get("from") == "inside"
+        return self.read_scene.capture.get("from") == "inside"
 
     @cached_property
     def asked_lamps(self) -> "list[AskedLamp]":
@@ -127,7 +127,9 @@ class Inputs:
     @cached_property
     def _of_splats(self) -> bool:
         """Whether the scene was made from a splat: a mesh's colours are its maker's albedo, a splat's are not."""
-        return bool(self.scene.source) or (self.scene.path is not None and Path(self.scene.path).is_dir())
+        return bool(self.read_scene.source) or (
+            self.read_scene.path is not None and Path(self.read_scene.path).is_dir()
+        )
 
     @property
     def _choice(self) -> Any:
@@ -154,7 +156,7 @@ class Inputs:
             and self.request.formats is not None
             and set(self.request.formats) <= {"splat", "png", *AROUND, *WITHOUT_LIGHT}
         )
-        return alone and not self.plays and self.scene.is_place and self.splats is not None
+        return alone and not self.plays and self.read_scene.is_place and self.splats is not None
 
     @property
     def shows_splats(self) -> bool:
@@ -168,7 +170,7 @@ class Inputs:
         given = self.request.scene
         if isinstance(given, (str, os.PathLike)):
             return str(Path(given))
-        return str(self.scene.path or self.scene.source.get("file", "a mesh in memory"))
+        return str(self.read_scene.path or self.read_scene.source.get("file", "a mesh in memory"))
 
     @property
     def light_name(self) -> str:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.render.view import View
 from splat2mesh.scene.mesh import Mesh
+from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.cleaning import clean
 
 from ..engine.appearance import Appearance, appearance_of, bounced_light
@@ -38,6 +39,17 @@ class KnownScene(Inputs):
     """The part of a relight request that needs no tracing of light. Reads on first use."""
 
     @cached_property
+    def scene(self) -> Scene:
+        """The scene to light: with its floor closed where that mirrors in the splats."""
+        mirror = self.mirror
+        if mirror is None or self.splats is None:
+            return self.read_scene
+        from ..splats.closed_floor import closed_floor
+
+        with self.stages.stage("bind splats"):
+            return closed_floor(self.read_scene, mirror, self.splats[0], self._read_cache)
+
+    @cached_property
     def relighter(self) -> Relighter:
         """The Relighter of the scene."""
         self.require("inserted_meshes")  # a broken object fails before any work
@@ -54,7 +66,15 @@ class KnownScene(Inputs):
     @cached_property
     def cache(self) -> Cache | None:
         """The cache of computed results, or None."""
-        return Cache.of_scene(self.scene, self.request.caching == "read") if self.request.caching != "none" else None
+        return self._cache_of(self.scene)
+
+    @cached_property
+    def _read_cache(self) -> Cache | None:
+        """The same of the scene as read."""
+        return self._cache_of(self.read_scene)
+
+    def _cache_of(self, scene: Scene) -> Cache | None:
+        return Cache.of_scene(scene, self.request.caching == "read") if self.request.caching != "none" else None
 
     @cached_property
     def binding(self) -> "Binding":
@@ -73,10 +93,10 @@ class KnownScene(Inputs):
         """The floor of a place that mirrors it in Gaussians; None without splats or where nothing shows one."""
         from ..splats.floor_mirror import floor_mirror
 
-        if self.splats is None:
+        if not self.read_scene.is_place or self.splats is None:
             return None
         with self.stages.stage("bind splats"):
-            return floor_mirror(self.splats[0], self.scene, self.request.lighting.seed, self.cache)
+            return floor_mirror(self.splats[0], self.read_scene, self.request.lighting.seed, self._read_cache)
 
     @property
     def mirrored_floor(self) -> dict[str, Any] | None:
@@ -226,7 +246,7 @@ class KnownScene(Inputs):
             views = [view for view in read_cameras(given)[0] if view is not None]
         if not views:
             raise InputError(f"`cameras` {given}: expected cameras that see the scene, found none")
-        return [moved_view(view, self.scene.scene_from_splat) for view in views]
+        return [moved_view(view, self.read_scene.scene_from_splat) for view in views]
 
     def _capture_env(self) -> Environment | None:
         return None if self.request.capture_env is None else light_of(self.request.capture_env)

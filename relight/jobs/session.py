@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from ..insert.asked import AskedInsert
     from ..insert.inserts import InsertedLight
     from ..splats import Binding
+    from ..splats.floor_mirror import FloorMirror
     from ..viewer.lamp_source import LampParts, LampSource
     from ..viewer.mixture import SessionMixture
     from ..viewer.object_source import ObjectSource, ObjectsUnder
@@ -130,6 +131,7 @@ def _received_of(job: Job) -> "Callable[[NDArray[np.float32], float], NDArray[np
 
 def _object_source(job: Job) -> "ObjectSource":
     """The ObjectSource of a session."""
+    from ..insert.polished import floor_under
     from ..insert.shadowed import shadowed
     from ..output.inserted_picture import with_objects
     from ..viewer.object_source import ObjectSource
@@ -142,14 +144,17 @@ def _object_source(job: Job) -> "ObjectSource":
     def exact(asked: "Sequence[AskedInsert]", now: "ObjectsUnder", check: "Callable[..., None]") -> "InsertedLight":
         return inserts.moved(asked).under(surroundings_in(now, *known), now.received, check)
 
+    def floor(light: "InsertedLight", exposure: float) -> "FloorMirror | None":
+        return None if job.mirror is None else floor_under(job.mirror, light, exposure)
+
     return ObjectSource(
         asked=tuple(inserts.asked),
         received=_received_of(job),
         exact=exact,
         glimpse=lambda asked, before: inserts.moved(asked).glimpse(before),
-        shadowed=shadowed,
+        shadowed=lambda light, splats, exposure: shadowed(light, splats, floor(light, exposure)),
         drawn=lambda splats, light, exposure, view, samples: with_objects(
-            splats, light, exposure, view, job.scene, samples
+            splats, light, exposure, view, job.scene, samples, floor(light, exposure)
         ),
         scene_from_splat=np.asarray(job.scene.scene_from_splat, np.float64),
     )

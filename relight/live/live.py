@@ -17,7 +17,6 @@ from splat2mesh.surface.decimate import decimate
 
 from ..light.environment import Environment
 from ..splats.binding import Binding
-from ..splats.closed_floor import closed_floor
 from ..splats.light_ratio import CURVE_OFFSET, CURVE_POWER
 from ..splats.mirrored_places import Mix
 from ..splats.sky import shown_as_sky
@@ -176,10 +175,7 @@ def live_of(
     with relighter.stages.stage("surface"):
         foliage = lit.precomputed.foliage if settings.volume else None
         surface = surfaces(binding, splats.means, scene, response.own, kinds, foliage)
-        proxy = lit.scene.vertices.astype(np.float64), lit.scene.faces
-        if shown.mirror is not None:
-            proxy = closed_floor(lit.scene, shown.mirror, binding)
-        vertices, faces = decimate(*proxy, PROXY_VERTICES)
+        vertices, faces = decimate(lit.scene.vertices.astype(np.float64), lit.scene.faces, PROXY_VERTICES)
     transfer = np.zeros((len(splats), 2 + found.weights.shape[1]), np.uint8)
 
     def of_splats(values: NDArray[np.float32]) -> NDArray[np.float32]:

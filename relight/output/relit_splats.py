@@ -20,6 +20,8 @@ from .subject import WrittenScene
 
 if TYPE_CHECKING:
     from ..engine.relighter import Shaded, Shading
+    from ..insert.inserts import InsertedLight
+    from ..splats.floor_mirror import FloorMirror
 
 SHAPES = {"means_l.webp", "means_u.webp", "quats.webp", "scales.webp", sog_writing.SHAPE}
 
@@ -68,11 +70,29 @@ class RelitSource:
         if inserted is not None:
             from ..insert.shadowed import shadowed
 
-            relit = shadowed(inserted, relit)
+            relit = shadowed(inserted, relit, self.floor_under(inserted, exposure))
         with self._stages.stage("relight splats"):
             if isinstance(light, CapturedLight) and self._sky == "new":  # no lamp reaches that far
                 return dimmed(relit, self._splats, self._far, exposure * backdrop)
             return under_sky(relit, rows, light, frame, exposure * backdrop, self._sky)
+
+    def floor_under(self, inserted: "InsertedLight", exposure: float) -> "FloorMirror | None":
+        """The floor that mirrors, in the light on objects; None without one. exposure: of the light."""
+        from ..insert.polished import floor_under
+
+        mirror = self._mirror()
+        return None if mirror is None else floor_under(mirror, inserted, exposure)
+
+    def put_in(self, inserted: "InsertedLight", exposure: float) -> Splats | None:
+        """The splats among the objects, and images of them in a floor that mirrors; None without."""
+        splats, floor = inserted.splats_put_in(exposure), self.floor_under(inserted, exposure)
+        if splats is None or floor is None:
+            return splats
+        from splat2mesh.splats.joining import joined
+
+        from ..insert.polished import images_of
+
+        return joined([splats, images_of(splats, floor, self._scene)])
 
     def without_objects(self, shaded: "Shaded") -> Splats:
         """The splats in the new light without what objects change in it."""

@@ -4,7 +4,9 @@ import hashlib
 import io
 import os
 import warnings
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +23,7 @@ from splat2mesh.texture.glb import add_cards, textured_glb
 from .lamps_glb import NO_LAMPS, PlacedLamps, add_lamps
 
 if TYPE_CHECKING:
+    from splat2mesh.scene.mesh import Mesh
     from splat2mesh.scene.scene import Scene
 
     from ..engine.appearance import Appearance
@@ -37,14 +40,14 @@ class RelitTexture:
 
     def __init__(self, scene: "Scene", atlas: Atlas, albedo: NDArray[np.float16]) -> None:
         self._scene, self._atlas, self._albedo = scene, atlas, albedo
-        self._surfaces, self._drawn = Drawn.surfaces(scene), Drawn(scene)
+        self._surfaces, self._drawn = Drawn.surfaces(_textured(scene)), Drawn(scene)
 
     @classmethod
     def of_scene(cls, scene: "Scene", appearance: "Appearance") -> "RelitTexture | None":
         """That of a Scene from a folder with mesh.glb; None without, and where albedo is known of vertices alone."""
         if appearance.prior is None and appearance.albedo is not appearance.captured:
             return None
-        surfaces = Drawn.surfaces(scene)
+        surfaces = Drawn.surfaces(_textured(scene))
         kept = _kept(surfaces.scene)
         if kept is None:
             return None
@@ -90,9 +93,31 @@ class RelitTexture:
         image, surfaces = self.image(received, exposure), self._surfaces.scene
         file = textured_glb(surfaces, self._atlas, image, len(surfaces.chunks), "relit")
         if radiance is not None:
-            add_cards(file, self._drawn.cards_in(radiance * np.float32(exposure)))
+            shown = radiance * np.float32(exposure)
+            add_cards(file, self._drawn.cards_in(shown) + _added(self._scene, shown))
         add_lamps(file, placed)
         file.save(path, {"exposure": float(exposure), **extras})
+
+
+def _first_new(scene: "Scene") -> int:
+    """The number of the first chunk that no texture was made for: of all where nothing was changed."""
+    return sum(len(rows) > 0 for rows in scene.left) + len(scene.hull) if scene.left else len(scene.chunks)
+
+
+def _textured(scene: "Scene") -> "Scene":
+    """The Scene whose drawn chunks have a texture: what was added later is a hull."""
+    first = _first_new(scene)
+    return replace(scene, hull=(*scene.hull, *range(first, len(scene.chunks)))) if scene.left else scene
+
+
+def _added(scene: "Scene", shown: Radiance) -> "list[tuple[Mesh, Radiance]]":
+    """The chunks that were added later, each with what its vertices send out, of (V, 3)."""
+    first = _first_new(scene)
+    starts = np.cumsum([0, *(len(chunk.vertices) for chunk in scene.chunks)])
+    return [
+        (chunk, shown[start : start + len(chunk.vertices)])
+        for chunk, start in zip(scene.chunks[first:], starts[first:], strict=False)
+    ]
 
 
 def _kept(scene: "Scene") -> tuple[Atlas, NDArray[np.uint8]] | None:
@@ -121,11 +146,18 @@ def _kept(scene: "Scene") -> tuple[Atlas, NDArray[np.uint8]] | None:
 
     kinds = {5123: "<u2", 5125: "<u4"}
     uv, faces = [], []
-    for mesh in document.meshes[: len(scene.chunks)]:
+    left: Sequence[Any] = scene.left or (None,) * len(scene.chunks)
+    for mesh, rows in zip(document.meshes, left, strict=False):
         part = mesh.primitives[0]
-        uv.append(array(part.attributes.TEXCOORD_0, "<f4", 2).reshape(-1, 2))
         kind = kinds[document.accessors[part.indices].componentType]
-        faces.append(array(part.indices, kind, 1).reshape(-1, 3).astype(np.int32))
+        corners = array(part.indices, kind, 1).reshape(-1, 3).astype(np.int32)
+        coordinates = array(part.attributes.TEXCOORD_0, "<f4", 2).reshape(-1, 2)
+        if rows is not None:
+            used, numbers = np.unique(corners[rows], return_inverse=True)
+            corners, coordinates = numbers.reshape(-1, 3).astype(np.int32), coordinates[used]
+        if len(corners):
+            uv.append(coordinates)
+            faces.append(corners)
     view = document.bufferViews[document.images[0].bufferView]
     picture = iio.imread(
         io.BytesIO(blob[view.byteOffset : view.byteOffset + view.byteLength]), extension=".jpg", mode="RGB"

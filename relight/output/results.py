@@ -20,7 +20,6 @@ from .engine_files import EngineFiles
 from .kinds import APART, FILES, SHEET
 from .lamps_glb import PlacedLamps
 from .live_files import LiveFiles
-from .mirrored_meshes import MirroredMeshes
 from .pass_files import PassFiles
 from .relit_splats import RelitSource
 from .subject import WrittenScene
@@ -84,13 +83,10 @@ class Results:
         self._last_picture: NDArray[np.uint8] | None = None
         self._on_sheet: list[tuple[str, NDArray[np.uint8]]] = []
         self._texture, self._own_texture = None, None  # type: Any, Any  # own: False where the scene has none
-        self._mirrored = MirroredMeshes(written, self._relit)
 
     def write(self, folder: Path, shaded: "Shaded") -> tuple[list[str], dict[str, Any]]:
         """Fill an existing folder: (names of the files, further entries of the report)."""
         light, exposure = shaded.light, shaded.exposure
-        on_mesh = bool(self._baked) or not {"glb", "ply", "npy"}.isdisjoint(self._kinds)
-        mesh = self._mirrored.with_reflections(shaded) if on_mesh else shaded
         pictured = "png" in self._kinds or "splat" in self._kinds  # what is written as a splat is shown too
         kinds = {*self._kinds, "png"} if pictured else self._kinds
         names = [FILES[kind] for kind in FILES if kind in kinds and kind not in APART]
@@ -100,11 +96,11 @@ class Results:
             if "glb" in self._kinds:
                 extras = {"environment": light.name, "angle_deg": light.rotation_deg}
                 placed = self._lamps(light, exposure)
-                facts["clipped_vertices"] = self._write_glb(folder / FILES["glb"], mesh, extras, placed)
+                facts["clipped_vertices"] = self._write_glb(folder / FILES["glb"], shaded, extras, placed)
             if "ply" in self._kinds:
-                mesh_files.write_ply(folder / FILES["ply"], self._scene, mesh.shading.radiance, exposure)
+                mesh_files.write_ply(folder / FILES["ply"], self._scene, shaded.shading.radiance, exposure)
             if "npy" in self._kinds:
-                mesh_files.write_npy(folder / FILES["npy"], self._scene, mesh.shading.radiance)
+                mesh_files.write_npy(folder / FILES["npy"], self._scene, shaded.shading.radiance)
         if self._splats is not None and (
             pictured or self._around is not None or (self._engines is not None and self._engines.wants_relit)
         ):
@@ -114,7 +110,7 @@ class Results:
         if shaded.inserted is not None:
             names += self._write_inserted(folder, relit, shaded)
         if self._baked:
-            names += self._write_textures(folder, mesh, facts)
+            names += self._write_textures(folder, shaded, facts)
         if self._engines is not None:
             names += self._engines.write(folder, light, exposure, relit, self._bound, shaded.backdrop)
         if self._around is not None and relit is not None:
@@ -167,9 +163,10 @@ class Results:
             if any(each.splat is None for each in shaded.inserted.standing.objects):
                 write_inserted_glb(folder / INSERTED[0], shaded.inserted, shaded.exposure)
                 names.append(INSERTED[0])
-            splats = shaded.inserted.splats_put_in(shaded.exposure)
-            if splats is not None and "splat" in self._kinds and relit is not None:
-                append_splats(folder / FILES["splat"], splats)
+            if "splat" in self._kinds and relit is not None:
+                splats = self._relit.put_in(shaded.inserted, shaded.exposure)
+                if splats is not None:
+                    append_splats(folder / FILES["splat"], splats)
         if relit is None:
             return names
         with self._stages.stage("preview"):
@@ -212,7 +209,8 @@ class Results:
         if self._splats is None:
             exposure = shaded.exposure
             return lambda pose: mesh_with_objects(self._scene, radiance, pose, camera, PICTURE_SIZE, light, exposure)
-        bound = ShadowedSplats(poses, self._relit.without_objects(shaded))
+        floor = self._relit.floor_under(shaded.inserted, shaded.exposure)
+        bound = ShadowedSplats(poses, self._relit.without_objects(shaded), floor)
         picture = RelitPicture(self._scene, camera, *PICTURE_SIZE)
 
         def drawn(pose: "InsertedLight") -> NDArray[np.uint8]:
@@ -226,7 +224,8 @@ class Results:
         if shaded.inserted is not None:
             from .inserted_picture import with_objects
 
-            relit = with_objects(relit, shaded.inserted, shaded.exposure, picture.view, self._scene)
+            floor = self._relit.floor_under(shaded.inserted, shaded.exposure)
+            relit = with_objects(relit, shaded.inserted, shaded.exposure, picture.view, self._scene, floor=floor)
         return picture.of_splats(relit, light, shaded.exposure * shaded.backdrop)
 
     def _painted(self, relit: Splats | None, shaded: "Shaded") -> NDArray[np.uint8]:

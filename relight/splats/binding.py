@@ -241,9 +241,15 @@ class Binding:
         touched = np.zeros(len(of_nodes), bool)
         touched[self.surface.node[changed]] = True
         places = self.places
-        rows = np.flatnonzero(touched[places.columns].any(axis=1))
+        reached = np.asarray(touched[places.columns].any(axis=1))
+        if self._mirrored is not None:
+            reached[self._mirrored.rows] = True
+        rows = np.flatnonzero(reached)
         logs = np.einsum("nk,nkc->nc", places.weights[rows], of_nodes[places.columns[rows]])
         logs *= 1.0 - places.far[rows, None]
+        if self._mirrored is not None:
+            images = np.searchsorted(rows, self._mirrored.rows)
+            logs[images] = self._mirrored.log_gains(of_nodes, logs[images])
         lit = rows if self.lit.all() else np.flatnonzero(self.lit)[rows]
         sh = relit.sh.copy()
         sh[lit] = relit_sh(relit.sh[lit], logs, np.zeros(3, np.float32))

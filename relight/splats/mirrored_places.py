@@ -21,10 +21,6 @@ from .light_ratio import CURVE_POWER
 LEAST_SHARE = 0.05
 """Part of a pixel that the mirror world gives, from which the pixel does not show the light of the mesh."""
 
-CELL, MOST_EYES = 3.0, 24
-"""Side of a cell of the floor that has a gap or none, in margins (.15 of the size of a place), and how many eyes look
-for gaps."""
-
 _DARKEST = 1e-4  # linear
 
 Mix = Callable[[Floats, Floats, Floats], Floats]
@@ -46,7 +42,7 @@ class MirroredPlaces:
     """Attachment of M Gaussians of a mirror world to the surfaces above the floor.
 
     rows: (M,) of the splats. means: (M, 3) float32, their mirrored places. own: (M, 3) float32, the part of each colour
-    that the floor itself sends. plane: normal and offset of the floor, frame of the splats.
+    that the floor itself sends.
     """
 
     def __init__(
@@ -58,27 +54,22 @@ class MirroredPlaces:
         rows: Indices,  # (M,) of them: the mirror world
     ) -> None:
         """Raises InputError where nothing stands above the floor."""
-        matrix = np.asarray(scene.scene_from_splat, np.float64)
-        normal = matrix[:3, :3].T @ mirror.normal
-        size = float(np.linalg.norm(normal))
-        normal, offset = normal / size, float(mirror.offset - matrix[:3, 3] @ mirror.normal) / size
-        margin = mirror.margin / size
+        normal, offset, margin = plane_of(mirror, scene)
         height = surface.points.astype(np.float64) @ normal - offset
         corners = height[surface.faces]
         self.rows = rows
         self._above = _SurfacePart(surface, (corners > -margin).all(axis=1))
         level = surface.normals[surface.faces].mean(axis=1) @ normal > LEVEL
         self._floor = _SurfacePart(surface, level & (np.abs(corners) < margin).all(axis=1))
-        some, back = splats.take(rows), np.linalg.inv(matrix)
+        some, back = splats.take(rows), np.linalg.inv(np.asarray(scene.scene_from_splat, np.float64))
         means = some.means.astype(np.float64)
         depth = offset - means @ normal
-        above = _mirrored(some, normal, depth)
+        above = mirrored_splats(some, normal, depth)
         self.means, self._mirrored = above.means, Places(self._above.surface, above)
         eyes = standing(scene) @ back[:3, :3].T + back[:3, 3]
-        seen = _seen_at(means, depth, eyes, normal, offset)
+        seen = seen_at(means, depth, eyes, normal, offset)
         gap = np.linalg.norm(self._floor.surface.caster.closest(seen.astype(np.float32)).points - seen, axis=1)
         self._covered = np.flatnonzero(gap < margin)
-        self.plane, self._margin, self._eyes, self._means = (normal, offset), margin, eyes, means
         self._standing = Places(self._floor.surface, _moved(some, seen).take(self._covered))
         color = linear_from_srgb(np.clip(np.float32(0.5) + np.float32(SH_C0) * some.sh[:, 0], 0.0, 1.0))
         self.own = np.clip(mirror.own / np.maximum(color, _DARKEST), 0.0, 1.0).astype(np.float32)
@@ -96,24 +87,6 @@ class MirroredPlaces:
         floor = nearest.copy()
         floor[self._covered] = self._standing.interpolate(of_nodes[self._floor.nodes])
         return self._mirrored.interpolate(of_nodes[self._above.nodes]), floor
-
-    def gaps(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Cells (G, 2) of the floor where eyes see reflections and the mesh has no floor, and the two steps (2, 3) from
-        a cell to the next, frame of the splats: cell i is the square from i @ steps + offset normal on."""
-        normal, offset = self.plane
-        first = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
-        first /= np.linalg.norm(first)
-        steps = CELL * self._margin * np.stack([first, np.cross(normal, first)])
-        cells = np.zeros((0, 2), np.int64)
-        depth = offset - self._means @ normal
-        for eye in self._eyes[:: -(-len(self._eyes) // MOST_EYES)]:
-            if eye @ normal > offset:
-                seen = _seen_at(self._means, depth, eye[None], normal, offset)
-                found = np.floor(seen @ np.linalg.pinv(steps)).astype(np.int64)
-                cells = np.unique(np.concatenate([cells, found]), axis=0)
-        middles = (cells + 0.5) @ steps + offset * normal
-        near = self._floor.surface.caster.closest(middles.astype(np.float32)).points
-        return cells[np.linalg.norm(near - middles, axis=1) > 0.5 * CELL * self._margin], steps
 
     def reached(self, count: int) -> Mask:
         """Which of the surface's nodes, so many, any of the Gaussians takes light from: (count,) bool."""
@@ -137,8 +110,16 @@ class _SurfacePart:
         self.surface._caster = None
 
 
-def _mirrored(splats: Splats, normal: NDArray[np.float64], depth: NDArray[np.float64]) -> Splats:
-    """Splats as they lie above the plane. depth: (M,) below it."""
+def plane_of(mirror: FloorMirror, scene: Scene) -> tuple[NDArray[np.float64], float, float]:
+    """Normal (3,), offset and margin of a floor of a Scene, in the frame of its splats."""
+    matrix = np.asarray(scene.scene_from_splat, np.float64)
+    normal = matrix[:3, :3].T @ mirror.normal
+    size = float(np.linalg.norm(normal))
+    return normal / size, float(mirror.offset - matrix[:3, 3] @ mirror.normal) / size, mirror.margin / size
+
+
+def mirrored_splats(splats: Splats, normal: NDArray[np.float64], depth: NDArray[np.float64]) -> Splats:
+    """Splats as they lie on the other side of a plane. depth: (M,) below it."""
     moved = _moved(splats, splats.means + 2.0 * depth[:, None] * normal)
     w, x, y, z = splats.quats_wxyz.astype(np.float64).T
     # A Gaussian mirrored at a plane is one turned by half a turn about its normal: it has no handedness.
@@ -153,7 +134,7 @@ def _moved(splats: Splats, means: NDArray[np.float64]) -> Splats:
     return Splats(means.astype(np.float32), splats.scales, splats.quats_wxyz, splats.opacities, splats.sh)
 
 
-def _seen_at(
+def seen_at(
     means: NDArray[np.float64],
     depth: NDArray[np.float64],
     eyes: NDArray[np.float64],  # (E, 3)

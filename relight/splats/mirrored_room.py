@@ -82,7 +82,7 @@ class MirroredRoom:
         upper, lower = splats.take(np.flatnonzero(~below)), splats.take(np.flatnonzero(below))
         near = NEAR * self.size * float(np.cbrt(abs(np.linalg.det(back[:3, :3]))))
         found, of_plane = [], 0
-        for number, eye in enumerate(_apart(self._eyes)):
+        for number, eye in enumerate(apart(self._eyes)):
             for side in range(SIDES):
                 angle = 2.0 * np.pi * side / SIDES + number
                 ahead = np.array([np.cos(angle), -SLOPE, np.sin(angle)])
@@ -168,7 +168,7 @@ def _turn(number: int) -> NDArray[np.float64]:
     return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
 
 
-def _apart(eyes: Points) -> Points:
+def apart(eyes: Points) -> Points:
     """EYES of the eyes, far from each other."""
     chosen = [0]
     while len(chosen) < min(EYES, len(eyes)):

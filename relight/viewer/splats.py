@@ -170,7 +170,7 @@ class RelitSplats:
                 mirrored = Shining(shining, wanted.radiance, after, wanted.exposure)
                 found = look.gloss(found, mirrored if mixture is None else beside(mirrored, mixture, lamps))
             if inserted is not None and rounds is None and objects is not None:
-                found = objects.source.shadowed(inserted, found)
+                found = objects.source.shadowed(inserted, found, wanted.exposure)
             if mixture is not None and mixture.keeps_sky:
                 from ..splats.sky import dimmed
 

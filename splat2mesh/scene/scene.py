@@ -60,6 +60,9 @@ class Scene:
         and they cast shadows.
     cards : list of Mesh
         Quads drawn in place of leaves, four vertices each. Lit by the hull around them; they cast no shadow.
+    left : tuple of ndarray of int64
+        Of a scene that was changed since its `textured` file was written: the faces of each drawn chunk of that which
+        are left, in chunks that have any; further chunks are new. Empty where nothing was changed; never kept.
 
     Notes
     -----
@@ -83,6 +86,7 @@ class Scene:
     textured: bytes | None = None
     hull: tuple[int, ...] = ()
     cards: list[Mesh] = field(default_factory=list)
+    left: tuple[NDArray[np.int64], ...] = ()
 
     @classmethod
     def from_mesh(cls, mesh: Mesh, max_chunk_vertices: int = DEFAULT_MAX_VERTICES, **fields: Any) -> "Scene":

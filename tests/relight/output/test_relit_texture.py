@@ -1,5 +1,7 @@
 """relit.glb in the texture of its scene: as captured in the light of the capture, and linear in a new one."""
 
+from dataclasses import replace
+
 import numpy as np
 import open3d as o3d
 import pygltflib
@@ -65,6 +67,40 @@ def test_the_file_is_valid_and_has_the_faces_of_the_scene(folder, tmp_path):
     counts = [document.accessors[mesh.primitives[0].indices].count // 3 for mesh in document.meshes]
     assert counts == [len(chunk.faces) for chunk in scene.chunks]
     assert document.scenes[0].extras == {"exposure": 1.0, "environment": "noon"}
+
+
+def test_a_changed_scene_keeps_the_texture_of_what_is_left(folder, tmp_path):
+    scene = Scene.load(folder)
+    left = [np.arange(0, len(chunk.faces), 2) for chunk in scene.chunks]
+    left[1] = left[1][:0]
+    chunks = []
+    for chunk, rows in zip(scene.chunks, left, strict=True):
+        used, corners = np.unique(chunk.faces[rows], return_inverse=True)
+        parts = [getattr(chunk, name)[used] for name in ("vertices", "normals", "colors_srgb")]
+        chunks += [Mesh(*parts[:2], corners.reshape(-1, 3).astype(np.int32), parts[2])] if len(rows) else []
+    plate = Mesh(
+        np.eye(3, dtype=np.float32),
+        np.eye(3, dtype=np.float32),
+        np.array([[0, 1, 2]], np.int32),
+        np.full((3, 3), 9, np.uint8),
+    )
+    changed = replace(scene, chunks=[*chunks, plate], left=tuple(left))
+    texture, whole = (RelitTexture.of_scene(each, as_captured(each)) for each in (changed, scene))
+    white = np.ones((changed.vertex_count, 3), np.float32)
+    pictures = texture.image(white, 1.0), whole.image(np.ones((scene.vertex_count, 3), np.float32), 1.0)
+    shown = np.zeros(texture.size**2, bool)
+    shown[texture._atlas.texels[texture._atlas.inside]] = True
+    for one in (0, 1, 2):
+        np.testing.assert_array_equal(*(picture.reshape(-1, 3)[shown, one] for picture in pictures))
+    radiance = white.copy()
+    radiance[-3:] = 0.5
+    texture.write(tmp_path / "a.glb", white, 1.0, {}, radiance=radiance)
+    issues = validator_issues(tmp_path / "a.glb")
+    assert issues["numErrors"] == issues["numWarnings"] == 0, issues["messages"]
+    document = pygltflib.GLTF2().load(tmp_path / "a.glb")
+    counts = [document.accessors[mesh.primitives[0].indices].count // 3 for mesh in document.meshes]
+    assert counts == [len(rows) for rows in left if len(rows)] + [1]
+    assert document.meshes[-1].primitives[0].attributes.COLOR_0 is not None
 
 
 def test_the_command_lights_the_texture(folder, tmp_path):

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
+from mirrored_rooms import DEEP, DIM, EYES, HIGH, OWN, WIDE, image, room, splats_of
 
 from relight import Environment
 from relight.api import RelightPlan
@@ -13,107 +13,15 @@ from relight.live.live import LiveScene, live_of
 from relight.live.response import COEFFICIENTS, light_vector
 from relight.live.surface import LIT, from_octahedral
 from relight.splats import Binding, shown_as_sky
-from relight.splats.closed_floor import closed_floor
 from relight.splats.floor_mirror import FloorMirror, floor_mirror
-from relight.splats.mirrored_mesh import MirroredMesh
 from relight.splats.mirrored_places import by_color
 from relight.transfer.settings import Settings
 from relight.transfer.store import Cache
-from splat2mesh.render.raycaster import RayCaster
-from splat2mesh.scene.color import linear_from_srgb, srgb_from_linear
-from splat2mesh.scene.mesh import Mesh
+from splat2mesh.scene.color import linear_from_srgb
 from splat2mesh.scene.scene import Scene
-from splat2mesh.splats.splats import SH_C0, Splats
+from splat2mesh.splats.splats import SH_C0
 
 SETTINGS = Settings("raytraced", 10, 48, bounce_rays=0)
-HIGH, WIDE, DEEP = 2.6, 5.0, 4.0
-OWN, DIM = np.array([0.02, 0.05, 0.01]), 0.3
-EYES = [[x, y, z] for x in (-1.5, 0.2, 1.4) for y in (1.0, 1.5) for z in (-1.2, 0.9)]
-
-
-def grid(origin, along, across, color, step=0.1):
-    """Points, normals and linear colours of a rectangle; its normal is along x across, its colour of the points."""
-    counts = [max(int(np.linalg.norm(each) / step), 1) + 1 for each in (along, across)]
-    u, v = np.meshgrid(*(np.linspace(0.0, 1.0, count) for count in counts), indexing="ij")
-    points = np.asarray(origin) + u[..., None] * np.asarray(along) + v[..., None] * np.asarray(across)
-    normal = np.cross(along, across)
-    number = np.arange(u.size).reshape(counts)
-    a, b, c, d = (each.ravel() for each in (number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]))
-    faces = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
-    points = points.reshape(-1, 3)
-    normals = np.broadcast_to(normal / np.linalg.norm(normal), points.shape)
-    return points, normals, color(points), faces
-
-
-def plain(*color):
-    return lambda points: np.broadcast_to(np.asarray(color, float), points.shape)
-
-
-def lamps(points):
-    """A dark ceiling with bright lamps in one half."""
-    bright = (points[:, 0] > 0.0) & (np.sin(7.0 * points[:, 0]) > 0.5) & (np.sin(9.0 * points[:, 2]) > 0.0)
-    return np.where(bright[:, None], 0.9, 0.15) * np.ones(3)
-
-
-def walls():
-    """The rectangles of a room that stand above its floor: each wall of its own colour, a ceiling, and a box."""
-    x, z = WIDE / 2, DEEP / 2
-    yield grid((-x, 0, -z), (0, 0, DEEP), (0, HIGH, 0), plain(0.1, 0.1, 0.1))
-    yield grid((x, 0, z), (0, 0, -DEEP), (0, HIGH, 0), plain(0.7, 0.6, 0.5))
-    yield grid((x, 0, -z), (-WIDE, 0, 0), (0, HIGH, 0), plain(0.3, 0.3, 0.45))
-    yield grid((-x, 0, z), (WIDE, 0, 0), (0, HIGH, 0), plain(0.5, 0.15, 0.1))
-    yield grid((-x, HIGH, -z), (WIDE, 0, 0), (0, 0, DEEP), lamps)
-    yield grid((-1.0, 0.0, 0.2), (0.8, 0, 0), (0, 0.9, 0), plain(0.8, 0.8, 0.2))
-
-
-def floor(polished):
-    """The floor, or its part that is not polished."""
-    start = 1.0 if polished else -WIDE / 2
-    color = plain(0.2, 0.2, 0.2)
-    return grid((start, 0, DEEP / 2), (WIDE / 2 - start, 0, 0), (0, 0, -DEEP), color)
-
-
-def splats_of(points, normals, colors, size=0.06, opacity=0.99):
-    """Flat Gaussians on points: their second axis is the normal."""
-    count = len(points)
-    across = np.cross(normals, np.where(np.abs(normals[:, :1]) < 0.9, [[1.0, 0, 0]], [[0, 1.0, 0]]))
-    across /= np.linalg.norm(across, axis=1, keepdims=True)
-    frames = np.stack([across, normals, np.cross(across, normals)], axis=2)
-    quats = np.roll(Rotation.from_matrix(frames).as_quat(), 1, axis=1)
-    sh = ((srgb_from_linear(np.clip(colors, 0, 1).astype(np.float32)) - 0.5) / SH_C0)[:, None]
-    scales = np.tile([size, 0.004, size], (count, 1))
-    return Splats(points, scales, quats, np.full(count, opacity), sh)
-
-
-def joined(*parts):
-    names = ("means", "scales", "quats_wxyz", "opacities", "sh")
-    return Splats(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
-
-
-def scene_of(surfaces, capture=None):
-    start, meshes = 0, []
-    for points, normals, colors, faces in surfaces:
-        meshes.append((points, normals, colors, faces + start))
-        start += len(points)
-    points, normals, colors, faces = (np.concatenate([each[i] for each in meshes]) for i in range(4))
-    shown = np.rint(srgb_from_linear(colors.astype(np.float32)) * 255).astype(np.uint8)
-    mesh = Mesh(points.astype(np.float32), normals.astype(np.float32), faces.astype(np.int32), shown)
-    return Scene([mesh], capture={"from": "inside", "eyes": EYES} if capture is None else capture)
-
-
-def image(points, normals, colors):
-    """A mirror world: images of surfaces, as bright as a polished floor shows them."""
-    flip = np.array([1.0, -1.0, 1.0])
-    return splats_of(points * flip, normals * flip, OWN + DIM * colors, 0.08)
-
-
-def room(below=image, polished=True):
-    """The Scene of a room and its Splats, with what `below` makes of the surfaces beneath a polished floor."""
-    standing = list(walls())
-    surfaces = [*standing, floor(polished)]
-    parts = [splats_of(*each[:3]) for each in surfaces]
-    parts += [] if below is None else [below(*each[:3]) for each in standing]
-    return scene_of(surfaces), joined(*parts)
 
 
 @pytest.fixture(scope="module")
@@ -273,37 +181,6 @@ def test_a_kept_answer_that_is_broken_counts_as_none(mirrored, tmp_path):
     assert isinstance(again, FloorMirror) and np.isfinite(again.offset)
 
 
-def meshed_with_images(mirrored):
-    """A mesh that has the images of the walls too, the floor that mirrors them, and the Binding of its splats."""
-    _, splats, found = mirrored
-    flip = np.array([1.0, -1.0, 1.0])
-    standing = [*walls(), floor(True)]
-    images = [(p * flip, n * flip, OWN + DIM * c, f[:, ::-1]) for p, n, c, f in standing[:-1]]
-    scene = scene_of([*standing, *images])
-    binding = Binding(splats, scene, views=()).mirroring(found, scene)
-    return scene, found, binding
-
-
-def test_the_mesh_shows_a_reflection_as_the_splats_do(mirrored):
-    scene, found, binding = meshed_with_images(mirrored)
-    mesh = MirroredMesh(scene, found, binding)
-    low = np.flatnonzero(scene.vertices[:, 1] < -found.margin)
-    np.testing.assert_array_equal(mesh.rows, low)
-    before = np.ones((len(scene.vertices), 3), np.float32)
-    lamp = np.where(scene.vertices[:, :1] > WIDE / 2 - 0.01, 0.25, 1.0) * before
-    lamp[low] = 1.0  # as if they were things
-    radiance = scene.colors_linear * lamp
-    lit = mesh.lit(radiance, before, lamp, 1.0)
-    np.testing.assert_array_equal(np.delete(lit, low, axis=0), np.delete(radiance, low, axis=0))
-    height, wall = scene.vertices[:, 1], np.abs(scene.vertices[:, 0]) > WIDE / 2 - 0.01
-    rows = np.flatnonzero(wall & (height < -0.3) & (height > 0.3 - HIGH) & (np.abs(scene.vertices[:, 2]) < 1.5))
-    ratio = lit[rows] / scene.colors_linear[rows]
-    own = np.clip(found.own / scene.colors_linear[rows], 0.0, 1.0)
-    right = scene.vertices[rows, 0] > 0.0
-    np.testing.assert_allclose(ratio[right], (0.25 + 0.75 * own)[right], atol=0.05)
-    np.testing.assert_allclose(ratio[~right], 1.0, atol=0.05)
-
-
 def test_live_rows_mix_the_colors_of_both_parts():
     rng = np.random.default_rng(0)
     moment = usual_moment(1.0)
@@ -349,16 +226,3 @@ def shown_change(live):
     table[:, 0] += colors[0]
     chosen = table[live.transfer[:, :2].copy().view("<u2")[:, 0]]
     return chosen[:, 0] + np.einsum("nw,nwx->nx", live.transfer[:, 2:].view(np.int8).astype(float), chosen[:, 1:])
-
-
-def test_what_collides_finds_a_floor_and_no_image(mirrored):
-    scene, found, binding = meshed_with_images(mirrored)
-    vertices, faces = closed_floor(scene, found, binding)
-    assert vertices[:, 1].min() > -found.margin
-    caster = RayCaster(vertices.astype(np.float32), faces)
-    x, z = np.meshgrid(np.linspace(-2.2, 2.2, 30), np.linspace(-1.7, 1.7, 30))
-    start = np.stack([x.ravel(), np.full(x.size, 0.3), z.ravel()], axis=1)
-    hits = caster.first_hits(np.hstack([start, np.tile([0.0, -1.0, 0.0], (x.size, 1))]).astype(np.float32))
-    assert (hits.distance < 0.35).mean() > 0.97
-    corners = vertices[faces[hits.faces[hits.faces >= 0]]]
-    assert (np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, 1] > 0.0).all()
