@@ -54,7 +54,7 @@ def is_soft(environment: "Environment", pixel: float) -> bool:
 
 
 def is_even(environment: "Environment", directions: NDArray, pixel: float) -> NDArray[np.bool_]:
-    """(N,) bool, where a built-in sky changes so slowly that the middle of a pixel shows it: not near horizon or sun."""
+    """(N,) bool, where a built-in sky changes so little that the middle of a pixel shows it: not at horizon or sun."""
     sun = None if environment.formula is None else skies.sun_of(environment.formula)
     if environment.formula is None:
         return np.zeros(len(directions), bool)
