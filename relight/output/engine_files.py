@@ -39,6 +39,7 @@ class EngineFiles:
         self._splats: Splats | None
         self._splats, self._paths = written.splats or (None, [])
         self._harmonics, self._sky, self._lamps, self._gloss = harmonics, written.sky, written.lamps, written.gloss
+        self._mirror = written.mirror
         self._scene, self._stages = self._relighter.scene, self._relighter.stages
         self._nine: Any = None
         self._bare: Any = None
@@ -115,7 +116,8 @@ class EngineFiles:
 
         if self._bare is None:
             assert self._splats is not None  # no kind that needs them gets here without
-            binding, rows = bound(), shown_as_sky(self._splats, self._scene, self._appearance)
+            binding, mirror = bound(), self._mirror()
+            rows = shown_as_sky(self._splats, self._scene, self._appearance, mirror)
             with self._stages.stage("albedo splats"):
                 sky = "keep" if self._sky == "keep" else "drop"
                 used = None if self._appearance.kept else binding

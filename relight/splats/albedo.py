@@ -48,7 +48,7 @@ def normals_of(binding: Binding) -> NDArray[np.float32]:
     """Normals (N, 3) float32 of the splats of a Binding, unit, in their own frame: those of the mesh at their places.
 
     Where these cancel, as between the two sides of a leaf, it is the splat's own shortest axis, away from the middle
-    of the mesh. Splats that cannot be lit have (0, 0, 0).
+    of the mesh. Reflections of a floor have that of the floor. Splats that cannot be lit have (0, 0, 0).
     """
     surface, places = binding.surface, binding.places
     mean = places.interpolate(surface.normals)
@@ -59,5 +59,8 @@ def normals_of(binding: Binding) -> NDArray[np.float32]:
     middle = surface.points.mean(axis=0, dtype=np.float64)
     axes *= np.where(np.einsum("nc,nc->n", axes, shown.means - middle) < 0.0, -1.0, 1.0)[:, None]
     normals = np.zeros((len(binding.lit), 3), np.float32)
-    normals[binding.lit] = np.where(length > _NO_DIRECTION, mean / np.maximum(length, _NO_DIRECTION), axes)
+    shown_normals = np.where(length > _NO_DIRECTION, mean / np.maximum(length, _NO_DIRECTION), axes)
+    if binding.mirrored is not None:
+        shown_normals[binding.mirrored.rows] = binding.mirrored.normal
+    normals[binding.lit] = shown_normals
     return normals

@@ -42,7 +42,7 @@ class MirroredPlaces:
     """Attachment of M Gaussians of a mirror world to the surfaces above the floor.
 
     rows: (M,) of the splats. means: (M, 3) float32, their mirrored places. own: (M, 3) float32, the part of each colour
-    that the floor itself sends.
+    that the floor itself sends. normal: (3,) of the floor.
     """
 
     def __init__(
@@ -57,7 +57,7 @@ class MirroredPlaces:
         normal, offset, margin = plane_of(mirror, scene)
         height = surface.points.astype(np.float64) @ normal - offset
         corners = height[surface.faces]
-        self.rows = rows
+        self.rows, self.normal = rows, normal
         self._above = _SurfacePart(surface, (corners > -margin).all(axis=1))
         level = surface.normals[surface.faces].mean(axis=1) @ normal > LEVEL
         self._floor = _SurfacePart(surface, level & (np.abs(corners) < margin).all(axis=1))

@@ -12,7 +12,7 @@ from relight.live.basis import reduced, usual_moment
 from relight.live.live import LiveScene, live_of
 from relight.live.response import COEFFICIENTS, light_vector
 from relight.live.surface import LIT, from_octahedral
-from relight.splats import Binding, shown_as_sky
+from relight.splats import Binding, normals_of, shown_as_sky
 from relight.splats.floor_mirror import FloorMirror, floor_mirror
 from relight.splats.mirrored_places import by_color
 from relight.transfer.settings import Settings
@@ -152,12 +152,33 @@ def test_what_stands_above_keeps_every_bit_and_so_does_all_without_a_change(mirr
     np.testing.assert_array_equal(same.sh, splats.sh)
 
 
+def test_reflections_have_the_normal_of_the_floor_for_engines(mirrored):
+    scene, splats, found = mirrored
+    binding = Binding(splats, scene, views=())
+    before, after = normals_of(binding), normals_of(binding.mirroring(found, scene))
+    np.testing.assert_allclose(after[found.rows], np.tile(found.normal, (len(found.rows), 1)), atol=1e-6)
+    others = np.delete(np.arange(len(splats)), found.rows)
+    np.testing.assert_array_equal(after[others], before[others])
+
+
 def test_the_fit_leaves_out_pixels_of_the_mirror_world(mirrored):
     scene, splats, found = mirrored
     looks = Binding(splats, scene).mirroring(found, scene).looks
     plain_looks = Binding(splats, scene).looks
     assert 0 < len(looks.known) < len(plain_looks.known)
     assert np.isin(looks.known, plain_looks.known).all()
+
+
+def test_a_quick_change_of_light_reaches_reflections_of_what_changes(mirrored):
+    scene, splats, found = mirrored
+    binding = Binding(splats, scene, views=()).mirroring(found._replace(own=np.zeros(3)), scene)
+    ratio = np.ones((len(scene.vertices), 3), np.float32)
+    ratio[scene.vertices[:, 0] > WIDE / 2 - 0.01] = 0.25
+    after = binding.shaded(splats, ratio)
+    middle, high = np.abs(splats.means[:, 2]) < 1.5, np.abs(splats.means[:, 1] + HIGH / 2) < 0.8
+    for side, expected in ((1.0, 0.25), (-1.0, 1.0)):
+        wall = np.flatnonzero((side * splats.means[:, 0] > WIDE / 2 - 0.01) & middle & high)
+        np.testing.assert_allclose(linear(after, wall), expected * linear(splats, wall), rtol=0.05)
 
 
 def test_far_background_below_the_floor_is_no_sky(mirrored):
