@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from .base.arrays import Floats, Matrix4, Vector
+from .base.arrays import Floats, Mask, Matrix4, Vector
 from .base.errors import DataWarning, InputError
 from .base.progress import Stages
 from .options import ConvertOptions
@@ -34,6 +34,7 @@ from .surface.solid import reconstruct_object
 from .texture.projection import Look
 from .views.cameras import spread_out, trained_views
 from .views.eyes import around
+from .views.panes import sky_in_panes
 from .views.picture import place_view
 from .views.standpoints import ROOM_SHARE, Standpoints, standpoints
 from .views.upright import upright
@@ -96,6 +97,8 @@ def convert(
     foreground, effort = splats.take(np.flatnonzero(~far)), EFFORTS[asked.detail]
     with stages.stage("standpoints"):
         standing = _standing(foreground, splats, asked, rotation[1, :3])
+        panes = _panes(standing, foreground, splats, far)
+    far, solid = far | panes, splats.take(np.flatnonzero(~panes)) if panes.any() else splats
     statistics = dict.fromkeys(("components_dropped", "holes_filled", "vertices_unseen"), 0)
     backdrop = None
     if standing.kind == "outside":
@@ -115,9 +118,9 @@ def convert(
     else:
         seen, near = place_views(standing, foreground, trained, rotation[1, :3], effort, asked.seed, stages)
         overhead = standing.overhead if trained else None
-        mesh, seen, near = reconstruct_place(splats, seen, near, asked.vertices, stages, statistics, overhead)
+        mesh, seen, near = reconstruct_place(solid, seen, near, asked.vertices, stages, statistics, overhead)
         seen_from = len(seen)
-        looks = [Look(dilated(splats, PLACE.dilation * training_pixel(splats)), seen, near)]
+        looks = [Look(dilated(solid, PLACE.dilation * training_pixel(solid)), seen, near)]
         if asked.background == "cut":
             mesh, backdrop = parted(mesh, center, radius)
     if far.any() and asked.background == "cut":
@@ -216,6 +219,13 @@ def _standing(foreground: Splats, splats: Splats, asked: ConvertOptions, up: Vec
     if asked.surface != "field":
         return standpoints(splats, bounds_of(foreground), "outside")
     return standpoints(splats, bounds_of(foreground), asked.stand, asked.eyes, asked.seed, up)
+
+
+def _panes(standing: Standpoints, foreground: Splats, splats: Splats, far: Mask) -> Mask:
+    """Which splats are sky in the windows of a room, (N,) bool: none of other captures."""
+    if standing.kind != "inside":
+        return np.zeros(len(splats), bool)
+    return sky_in_panes(splats, far, bounds_of(foreground), standing.eyes)
 
 
 def _turned(mesh: Mesh, rotation: Matrix4) -> Mesh:

@@ -1,0 +1,51 @@
+"""Sky that training left in or near the panes of a room's windows: splats of it that look like surfaces.
+
+A photograph of a room shows the sky in its windows white, and white has no parallax that training could see. So some of
+it hangs right behind a pane, opaque and metres wide, where it would be meshed and shut the window.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..base.arrays import Bounds, Mask
+from ..render.opacitygrid import OpacityGrid
+from ..splats.splats import SH_C0, Splats
+from .eyes import Eye
+
+WHITE = 0.97
+"""Least sRGB value of all channels of a splat that shows what a photograph clipped: a lamp, the sky, paper in the sun."""
+
+LEAST_OPEN, LEAST_SKY = 0.9, 0.2
+"""Part of the eyes to which a splat shows that see nothing of the room behind it, and that see the far background
+there. In a trained parlour and two generated lounges the sky before the background has .9 to 1; lamps, frames and white
+things that stand in the room have .8 at most."""
+
+BEFORE = 0.97
+"""Part of the way to a splat on which a ray that is stopped does not see it."""
+
+
+def sky_in_panes(splats: Splats, far: Mask, bounds: Bounds, eyes: Sequence[Eye]) -> Mask:
+    """Which splats are sky that hangs before the far background of a room, (N,) bool.
+
+    splats: cleaned Splats. far: (N,) bool, their far background. bounds: (2, 3) box of the others. eyes: list of Eye
+    in the room. They are white in all channels, and behind them the eyes see no surface, only the background.
+    """
+    found = np.zeros(len(splats), bool)
+    white = ~far & ((splats.sh[:, 0] * np.float32(SH_C0) + np.float32(0.5)).min(axis=1) > WHITE)
+    rows = np.flatnonzero(white)
+    if not len(rows) or not far.any() or not len(eyes):
+        return found
+    grid = OpacityGrid.around(splats.take(np.flatnonzero(~white)), bounds)
+    shown, free, sky = (np.zeros(len(rows), np.int64) for _ in range(3))
+    for eye in eyes:
+        way = splats.means[rows].astype(np.float64) - eye.center
+        length = np.maximum(np.linalg.norm(way, axis=1), 1e-30)
+        reached, _, level = (each[0] for each in grid.march(eye.center[None], way / length[:, None]))
+        surface, met = np.isfinite(reached) & (level == 0), np.isfinite(reached)
+        visible = ~(surface & (reached < BEFORE * length))
+        shown += visible
+        free += visible & ~surface
+        sky += visible & met & ~surface
+    found[rows] = (free > LEAST_OPEN * shown) & (sky > LEAST_SKY * shown)
+    return found
