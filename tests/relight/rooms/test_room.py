@@ -16,6 +16,7 @@ from relight.request import RelightRequest
 from relight.rooms import lamps
 from relight.rooms.seen import seen_from
 from relight.transfer.occluder import Frame, Occluder
+from relight.transfer.store import Cache
 from scenes.radiosity import light
 from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.scene.color import luminance
@@ -124,6 +125,26 @@ def test_what_a_window_lets_in_is_new():
         return np.linalg.norm(gains * values[inside] - truth[inside]) / np.linalg.norm(truth[inside])
 
     assert error(radiance) < 0.5 * error(captured)
+
+
+def test_what_windows_let_in_of_the_captured_light_is_kept_and_a_broken_one_is_made_anew(tmp_path, monkeypatch):
+    scene = room("one-window")[0]
+    look = relit(scene)[0].appearance._replace(kept=False)
+    calls, shading = [], Relighter.shading
+    monkeypatch.setattr(Relighter, "shading", lambda *given: calls.append(given) or shading(*given))
+
+    def lit():
+        calls.clear()
+        relighter = Relighter(scene, tolerance=0.1, cache=Cache(tmp_path, "geometry"))
+        return RelitRoom(look, relighter, 1.0).shading(Environment.load("noon")).radiance, len(calls)
+
+    (first, before), (second, after) = lit(), lit()
+    assert (before, after) == (2, 1) and np.array_equal(first, second)
+    kept = Cache(tmp_path, "geometry")
+    (name,) = kept.settings_of("windows")
+    kept.put("windows", *name, radiance=np.zeros(3, np.float32))
+    third, again = lit()
+    assert again == 2 and np.array_equal(first, third)
 
 
 def test_methods_without_shadows_say_that_walls_hide_nothing():
