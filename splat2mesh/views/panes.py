@@ -14,8 +14,8 @@ from ..splats.splats import SH_C0, Splats
 from .eyes import Eye
 
 WHITE = 0.97
-"""Least sRGB value of all channels of a splat that shows what a photograph clipped, as of `surface.captured_sky`: a lamp,
-the sky, or paper in the sun."""
+"""Least sRGB value of all channels of a splat that shows what a photograph clipped: a lamp, the sky, or paper in the
+sun. As of `surface.captured_sky`."""
 
 LEAST_OPEN, LEAST_SKY = 0.9, 0.2
 """Part of the eyes to which a splat shows that see nothing of the room behind it, and that see the far background
