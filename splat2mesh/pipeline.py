@@ -304,6 +304,7 @@ def plan(path: str | os.PathLike[str], options: ConvertOptions | None = None, **
     total, far = len(splats), far_background(splats)
     foreground = splats.take(np.flatnonzero(~far))
     standing = _standing(foreground, splats, asked, rotation[1, :3])
+    far |= _panes(standing, foreground, splats, far)
     splats = foreground
     if trained:
         wanted = effort.views * (TRAINED if standing.eyes else 1)

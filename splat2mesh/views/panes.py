@@ -14,12 +14,14 @@ from ..splats.splats import SH_C0, Splats
 from .eyes import Eye
 
 WHITE = 0.97
-"""Least sRGB value of all channels of a splat that shows what a photograph clipped: a lamp, the sky, paper in the sun."""
+"""Least sRGB value of all channels of a splat that shows what a photograph clipped: a lamp, the sky, or paper in the
+sun. As of `surface.captured_sky`."""
 
 LEAST_OPEN, LEAST_SKY = 0.9, 0.2
 """Part of the eyes to which a splat shows that see nothing of the room behind it, and that see the far background
-there. In a trained parlour and two generated lounges the sky before the background has .9 to 1; lamps, frames and white
-things that stand in the room have .8 at most."""
+there. Of the white, opaque splats of a trained parlour 21 of 26 beyond its walls exceed the first, and 14 of 1,776
+within them, which hang in the panes; of two generated lounges all 1,332 outside but 10, and 13 of 1,998 inside. Both
+were chosen on these three; of a trained lounge, held back, they find the windows and neither frames nor lamp."""
 
 BEFORE = 0.97
 """Part of the way to a splat on which a ray that is stopped does not see it."""

@@ -92,6 +92,7 @@ def meshed(tmp_path_factory):
     return *scenes, np.arange(walls, walls + pane)
 
 
+@pytest.mark.slow
 def test_the_window_is_open_and_its_sky_background(meshed):
     scene, without, pane = meshed
     assert np.isin(pane, scene.background_splats).all()
@@ -100,6 +101,7 @@ def test_the_window_is_open_and_its_sky_background(meshed):
     assert not before.any(), "nothing hangs in the window"
 
 
+@pytest.mark.slow
 def test_the_rest_is_as_without_it(meshed):
     scene, without, _ = meshed
     assert len(scene.vertices) == pytest.approx(len(without.vertices), rel=0.02)
