@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from splat2mesh.base.arrays import Directions, Floats
+from splat2mesh.base.arrays import Directions, Floats, Vector
 from splat2mesh.scene.color import luminance
 from splat2mesh.scene.measured import CapturedSky
 
@@ -93,7 +93,15 @@ def _by_contrast(
     looked_up = skylight.SkyParts.looked_up(sky, texels)
     image = skylight.without_excess(looked_up, start, texels)
     image, sunny, lamp, sharp = image.reshape(HEIGHT, WIDTH, 3), 0.0, None, None
-    for share, found in contrast.brightness_of(patches, directions, bound, parts.clipped.mean(axis=1), unseen):
+    at_sun: edges.SunEdges | None = None
+
+    def supported(direction: Vector) -> float:
+        nonlocal at_sun
+        at_sun = edges.sun_at_edges(scene, direction, volume)
+        return 0.0 if at_sun is None else at_sun.nats
+
+    clipped = parts.clipped.mean(axis=1)
+    for share, found in contrast.brightness_of(patches, directions, bound, clipped, unseen, supported):
         region = looked_up.clipped + (looked_up.unseen * (texels[:, 1:2] > 0.0) if found.beyond else 0.0)
         more = region * found.excess * np.exp(texels @ found.lean)[:, None]
         image += share * more.reshape(HEIGHT, WIDTH, 3)
@@ -103,6 +111,6 @@ def _by_contrast(
             sunny = share
     if lamp is not None and sunny > 0.5:
         rest = image - sunny * sun.image_of(lamp, HEIGHT, WIDTH)
-        sharp = edges.sharpened(scene, Environment(rest.astype(np.float32), "estimated"), lamp, sunny, volume)
+        sharp = edges.sharpened(scene, Environment(rest.astype(np.float32), "estimated"), lamp, sunny, at_sun)
         image = image if sharp is None else rest + sun.image_of(sharp, HEIGHT, WIDTH)
     return SkyLit(Environment(image.astype(np.float32), "estimated"), sunny > 0.5, sharp is not None)
