@@ -55,10 +55,9 @@ class ContrastCalibration:
     gave it 10 to 120 nats, gardens without 9 to 21. But there it did better than light from beyond by -2 to 1.4 nats,
     in the others by 2.4 to 15. Light from beyond gained 3 where the sky was clipped all around, and 30 where next to
     nothing was and trees hid the bright zenith.
-    fewer: part of the patches, inverted, that are independent where errors reach far, which counts as likely as the
-    rest. The best lights of either kind err in different ways, and a fifth of the less likely one next to the other
-    does better than either: garden 8 had -1.36, .35, -.26 dB over unchanged with one alone, .03, 1.27, .61 with .7 of
-    it.
+    fewer: with so many times fewer independent patches, for errors reach far, as with all of them: the mean decides how
+    much light from beyond takes. The best lights of either kind err in different ways, and a fifth of the other beside
+    the better one does better than either.
     slope, steep: by how much log colour follows log irradiance within materials, and spread of its logarithm. Under
     their true lights it was .30, .34, .41, .43 and .50 in three nooks and two gardens, since hues hold several paints
     and meshes err. A sun too strong beside its sky makes it less; correlation does not see that.
@@ -151,12 +150,39 @@ def brightness_of(
     return sorted((each for each in found if each[0] > 0.0), key=lambda each: -each[0])
 
 
+def ambiguity(
+    patches: ColorPatches,
+    directions: Directions,
+    bound: Floats,
+    regions: tuple[Floats, Floats],  # clipped and unseen, as of `brightness_of`
+    found: list[tuple[float, SkyBrightness]],  # by it
+) -> float:
+    """Spread of the log irradiance of patches over the lights that may have lit them, by their shares; brightness of
+    all aside."""
+    patches = patches.thinned(CONTRAST.most_patches)
+    bands = int(np.sqrt(patches.transfer.shape[1]))
+    project = harmonics.evaluate(directions, bands) * (4.0 * np.pi / len(directions))
+    shares, logs = np.array([share for share, _ in found]), []
+    for _, light in found:
+        region = regions[0] + regions[1] if light.beyond else regions[0]
+        sent = bound + region * light.excess * np.exp(directions @ light.lean)
+        received = np.maximum(patches.transfer @ (project.T @ sent), 0.0) + patches.bounced
+        if light.sun is not None:
+            received = received + light.irradiance * _sunlit(patches, light.sun[None], bands)[:, 0]
+        logs.append(np.log(np.maximum(received, 1e-9)))
+        logs[-1] -= weighted_median(logs[-1], patches.weight)
+    off = np.array(logs) - shares @ np.array(logs)
+    weight = patches.weight / patches.weight.sum()
+    return float(np.sqrt((shares @ np.minimum(off**2, 1.0)) @ weight))
+
+
 def _odds(nats: float, fewer: float = 1.0) -> float:
     """Share of a light that does better by so many nats; none or all of it where that is certain.
 
-    fewer: the mean of that and of what a part 1 / fewer of the patches would give.
+    fewer: that of one that does better is the mean of what all patches and a part 1 / fewer of them give.
     """
-    share = np.mean([1.0 / (1.0 + np.exp(-np.clip(nats / each, -50.0, 50.0))) for each in (1.0, fewer)])
+    all_of_them, some = (1.0 / (1.0 + np.exp(-np.clip(nats / each, -50.0, 50.0))) for each in (1.0, fewer))
+    share = min(all_of_them, 0.5 * (all_of_them + some))
     return float(share if CERTAIN < share < 1.0 - CERTAIN else round(share))
 
 

@@ -18,11 +18,12 @@ from .patches import ColorPatches
 
 class SkyLit(NamedTuple):
     """The Environment of a capture under its sky; sure: whether that sky, or a sun found by its shadows, decided it.
-    edged: whether the edges of shadows show that sun."""
+    edged: whether the edges of shadows show that sun. ambiguity: as of Estimate."""
 
     environment: Environment
     sure: bool
     edged: bool = False
+    ambiguity: float = 0.0
 
 
 def light_under_sky(scene: CapturedScene, sky: CapturedSky, volume: Floats | None = None) -> SkyLit | None:
@@ -101,7 +102,8 @@ def _by_contrast(
         return 0.0 if at_sun is None else at_sun.nats
 
     clipped = parts.clipped.mean(axis=1)
-    for share, found in contrast.brightness_of(patches, directions, bound, clipped, unseen, supported):
+    lights = contrast.brightness_of(patches, directions, bound, clipped, unseen, supported)
+    for share, found in lights:
         region = looked_up.clipped + (looked_up.unseen * (texels[:, 1:2] > 0.0) if found.beyond else 0.0)
         more = region * found.excess * np.exp(texels @ found.lean)[:, None]
         image += share * more.reshape(HEIGHT, WIDTH, 3)
@@ -113,4 +115,5 @@ def _by_contrast(
         rest = image - sunny * sun.image_of(lamp, HEIGHT, WIDTH)
         sharp = edges.sharpened(scene, Environment(rest.astype(np.float32), "estimated"), lamp, sunny, at_sun)
         image = image if sharp is None else rest + sun.image_of(sharp, HEIGHT, WIDTH)
-    return SkyLit(Environment(image.astype(np.float32), "estimated"), sunny > 0.5, sharp is not None)
+    unsure = 0.0 if sunny > 0.5 else contrast.ambiguity(patches, directions, bound, (clipped, unseen), lights)
+    return SkyLit(Environment(image.astype(np.float32), "estimated"), sunny > 0.5, sharp is not None, unsure)
