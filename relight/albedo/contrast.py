@@ -120,6 +120,7 @@ def brightness_of(
     clipped: Floats,  # (D,) part of each direction that was clipped
     unseen: Floats,  # (D,) part of each direction that was not seen, above the horizon
     supported: Callable[[Vector], float] = lambda sun: 0.0,  # nats that other evidence adds to a sun, (3,)
+    fewer: float = CONTRAST.fewer,  # 1 where the odds of all patches decide
 ) -> list[tuple[float, SkyBrightness]]:
     """Every SkyBrightness that may have lit the patches, with its share, the likeliest first. Shares sum to 1."""
     patches = patches.thinned(CONTRAST.most_patches)
@@ -140,7 +141,7 @@ def brightness_of(
             lit = _beside_sun(patches, known, directions, clipped + unseen, project, sun)
         nats += supported(lit.sun if lit.sun is not None else sun)
     sunny = _odds(nats)
-    beyond = (1.0 - sunny) * _odds(wide.odds - seen.odds - CONTRAST.beyond, CONTRAST.fewer)
+    beyond = (1.0 - sunny) * _odds(wide.odds - seen.odds - CONTRAST.beyond, fewer)
     found = [
         (1.0 - sunny - beyond, SkyBrightness(seen.excess, seen.lean, False, None, 0.0)),
         (beyond, SkyBrightness(wide.excess, wide.lean, True, None, 0.0)),
