@@ -101,7 +101,7 @@ def _by_contrast(
         at_sun = edges.sun_at_edges(scene, direction, volume)
         return at_sun.nats if within and at_sun is not None else 0.0
 
-    # Nooks, seen from outside, lost .3 to .8 dB by more even shares, and gained in one of three.
+    # More even shares and the doubt by edges were measured in scenes with eyes within alone.
     within, fewer = scene.looks is not None, contrast.CONTRAST.fewer if scene.looks is not None else 1.0
     clipped = parts.clipped.mean(axis=1)
     lights = contrast.brightness_of(patches, directions, bound, clipped, unseen, supported, fewer)
