@@ -58,7 +58,7 @@ class Estimate(NamedTuple):
     decides which way the light comes from (of a known light: how bright it was). direction: (3,) unit, the mean of
     direction times luminance over the sphere, and its length concentration in [0, 1]: 0 uniform, 1 a single point.
     color: (3,) mean radiance of the light over its luminance. brightness: mean luminance of the light. under_sky:
-    whether a captured sky was used.
+    whether a captured sky was used. ambiguity: spread of the log irradiance over the lights that may have lit a place.
     """
 
     albedo: NDArray[np.float32]
@@ -73,6 +73,7 @@ class Estimate(NamedTuple):
     color: NDArray[np.float64]
     brightness: float
     under_sky: bool = False
+    ambiguity: float = 0.0
 
 
 class CaptureEvidence(NamedTuple):

@@ -6,6 +6,7 @@ each by how much of the variance of log colour it explains within materials whos
 is free, as regression on noisy values asks for.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
@@ -54,6 +55,9 @@ class ContrastCalibration:
     gave it 10 to 120 nats, gardens without 9 to 21. But there it did better than light from beyond by -2 to 1.4 nats,
     in the others by 2.4 to 15. Light from beyond gained 3 where the sky was clipped all around, and 30 where next to
     nothing was and trees hid the bright zenith.
+    fewer: with so many times fewer independent patches, for errors reach far, as with all of them: the mean decides how
+    much light from beyond takes. The best lights of either kind err in different ways, and a fifth of the other beside
+    the better one does better than either.
     slope, steep: by how much log colour follows log irradiance within materials, and spread of its logarithm. Under
     their true lights it was .30, .34, .41, .43 and .50 in three nooks and two gardens, since hues hold several paints
     and meshes err. A sun too strong beside its sky makes it less; correlation does not see that.
@@ -76,6 +80,7 @@ class ContrastCalibration:
     sure: float = 8.0
     better: float = 2.0
     beyond: float = 10.0
+    fewer: float = 20.0
     slope: float = 0.38
     steep: float = 0.07
     mostly: float = 0.5
@@ -114,6 +119,8 @@ def brightness_of(
     bound: Floats,  # (D,) luminance that is known, of each direction
     clipped: Floats,  # (D,) part of each direction that was clipped
     unseen: Floats,  # (D,) part of each direction that was not seen, above the horizon
+    supported: Callable[[Vector], float] = lambda sun: 0.0,  # nats that other evidence adds to a sun, (3,)
+    fewer: float = CONTRAST.fewer,  # 1 where the odds of all patches decide
 ) -> list[tuple[float, SkyBrightness]]:
     """Every SkyBrightness that may have lit the patches, with its share, the likeliest first. Shares sum to 1."""
     patches = patches.thinned(CONTRAST.most_patches)
@@ -127,23 +134,56 @@ def brightness_of(
     )
     suns = clipped + unseen > CONTRAST.mostly
     sun, (irradiance, alone), gained = _sun(patches, known, seen.lit, directions, suns, bands)
-    sunny = _odds(gained - max(seen.evidence + CONTRAST.sure, wide.evidence + CONTRAST.better))
-    beyond = (1.0 - sunny) * _odds(wide.odds - seen.odds - CONTRAST.beyond)
+    nats, lit = gained - max(seen.evidence + CONTRAST.sure, wide.evidence + CONTRAST.better), None
+    if sun is not None and _odds(nats) > 0.0:
+        lit = SkyBrightness(seen.excess, seen.lean, False, sun, irradiance)
+        if alone:
+            lit = _beside_sun(patches, known, directions, clipped + unseen, project, sun)
+        nats += supported(lit.sun if lit.sun is not None else sun)
+    sunny = _odds(nats)
+    beyond = (1.0 - sunny) * _odds(wide.odds - seen.odds - CONTRAST.beyond, fewer)
     found = [
         (1.0 - sunny - beyond, SkyBrightness(seen.excess, seen.lean, False, None, 0.0)),
         (beyond, SkyBrightness(wide.excess, wide.lean, True, None, 0.0)),
     ]
-    if sun is not None and sunny > 0.0:
-        lit = SkyBrightness(seen.excess, seen.lean, False, sun, irradiance)
-        if alone:
-            lit = _beside_sun(patches, known, directions, clipped + unseen, project, sun)
+    if lit is not None:
         found.append((sunny, lit))
     return sorted((each for each in found if each[0] > 0.0), key=lambda each: -each[0])
 
 
-def _odds(nats: float) -> float:
-    """Share of a light that does better by so many nats; none or all of it where that is certain."""
-    share = 1.0 / (1.0 + np.exp(-np.clip(nats, -50.0, 50.0)))
+def ambiguity(
+    patches: ColorPatches,
+    directions: Directions,
+    bound: Floats,
+    regions: tuple[Floats, Floats],  # clipped and unseen, as of `brightness_of`
+    found: list[tuple[float, SkyBrightness]],  # by it
+) -> float:
+    """Spread of the log irradiance of patches over the lights that may have lit them, by their shares; brightness of
+    all aside."""
+    patches = patches.thinned(CONTRAST.most_patches)
+    bands = int(np.sqrt(patches.transfer.shape[1]))
+    project = harmonics.evaluate(directions, bands) * (4.0 * np.pi / len(directions))
+    shares, logs = np.array([share for share, _ in found]), []
+    for _, light in found:
+        region = regions[0] + regions[1] if light.beyond else regions[0]
+        sent = bound + region * light.excess * np.exp(directions @ light.lean)
+        received = np.maximum(patches.transfer @ (project.T @ sent), 0.0) + patches.bounced
+        if light.sun is not None:
+            received = received + light.irradiance * _sunlit(patches, light.sun[None], bands)[:, 0]
+        logs.append(np.log(np.maximum(received, 1e-9)))
+        logs[-1] -= weighted_median(logs[-1], patches.weight)
+    off = np.array(logs) - shares @ np.array(logs)
+    weight = patches.weight / patches.weight.sum()
+    return float(np.sqrt((shares @ np.minimum(off**2, 1.0)) @ weight))
+
+
+def _odds(nats: float, fewer: float = 1.0) -> float:
+    """Share of a light that does better by so many nats; none or all of it where that is certain.
+
+    fewer: that of one that does better is the mean of what all patches and a part 1 / fewer of them give.
+    """
+    all_of_them, some = (1.0 / (1.0 + np.exp(-np.clip(nats / each, -50.0, 50.0))) for each in (1.0, fewer))
+    share = min(all_of_them, 0.5 * (all_of_them + some))
     return float(share if CERTAIN < share < 1.0 - CERTAIN else round(share))
 
 

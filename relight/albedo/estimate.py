@@ -68,7 +68,8 @@ def estimate(
                 return alone
             lit = beside_alone(scene, lit, alone.environment)
         light_of_day = lit.environment if given.looks is None else balanced(scene, sky, lit.environment, volume)
-        result = scene.result(light_of_day, seen, brighter=False)._replace(under_sky=True)
+        result = scene.result(light_of_day, seen, brighter=False)
+        result = result._replace(under_sky=True, ambiguity=lit.ambiguity)
         return evened(scene, result, volume) if lit.edged else result
     basis = harmonics.evaluate(scene.places.directions, LIGHT_BANDS)
     light = fit.SmoothLight(scene.places.sky, basis, scene.bounced())

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from splat2mesh.base.arrays import Directions, Floats
+from splat2mesh.base.arrays import Directions, Floats, Vector
 from splat2mesh.scene.color import luminance
 from splat2mesh.scene.measured import CapturedSky
 
@@ -18,11 +18,12 @@ from .patches import ColorPatches
 
 class SkyLit(NamedTuple):
     """The Environment of a capture under its sky; sure: whether that sky, or a sun found by its shadows, decided it.
-    edged: whether the edges of shadows show that sun."""
+    edged: whether the edges of shadows show that sun. ambiguity: as of Estimate."""
 
     environment: Environment
     sure: bool
     edged: bool = False
+    ambiguity: float = 0.0
 
 
 def light_under_sky(scene: CapturedScene, sky: CapturedSky, volume: Floats | None = None) -> SkyLit | None:
@@ -93,7 +94,18 @@ def _by_contrast(
     looked_up = skylight.SkyParts.looked_up(sky, texels)
     image = skylight.without_excess(looked_up, start, texels)
     image, sunny, lamp, sharp = image.reshape(HEIGHT, WIDTH, 3), 0.0, None, None
-    for share, found in contrast.brightness_of(patches, directions, bound, parts.clipped.mean(axis=1), unseen):
+    at_sun: edges.SunEdges | None = None
+
+    def supported(direction: Vector) -> float:
+        nonlocal at_sun
+        at_sun = edges.sun_at_edges(scene, direction, volume)
+        return at_sun.nats if within and at_sun is not None else 0.0
+
+    # More even shares and the doubt by edges were measured in scenes with eyes within alone.
+    within, fewer = scene.looks is not None, contrast.CONTRAST.fewer if scene.looks is not None else 1.0
+    clipped = parts.clipped.mean(axis=1)
+    lights = contrast.brightness_of(patches, directions, bound, clipped, unseen, supported, fewer)
+    for share, found in lights:
         region = looked_up.clipped + (looked_up.unseen * (texels[:, 1:2] > 0.0) if found.beyond else 0.0)
         more = region * found.excess * np.exp(texels @ found.lean)[:, None]
         image += share * more.reshape(HEIGHT, WIDTH, 3)
@@ -103,6 +115,7 @@ def _by_contrast(
             sunny = share
     if lamp is not None and sunny > 0.5:
         rest = image - sunny * sun.image_of(lamp, HEIGHT, WIDTH)
-        sharp = edges.sharpened(scene, Environment(rest.astype(np.float32), "estimated"), lamp, sunny, volume)
+        sharp = edges.sharpened(scene, Environment(rest.astype(np.float32), "estimated"), lamp, sunny, at_sun)
         image = image if sharp is None else rest + sun.image_of(sharp, HEIGHT, WIDTH)
-    return SkyLit(Environment(image.astype(np.float32), "estimated"), sunny > 0.5, sharp is not None)
+    unsure = 0.0 if sunny > 0.5 else contrast.ambiguity(patches, directions, bound, (clipped, unseen), lights)
+    return SkyLit(Environment(image.astype(np.float32), "estimated"), sunny > 0.5, sharp is not None, unsure)

@@ -12,7 +12,7 @@ from splat2mesh.base.inputs import load_array
 from splat2mesh.scene.measured import CapturedSky
 from splat2mesh.scene.scene import Scene
 
-from ..albedo.check import drawn_to_none
+from ..albedo.check import drawn_to_none, settled
 from ..albedo.interior import closed_part, room_notice
 from ..albedo.seen import looks_from, standing
 from ..albedo.skylight import LEAST_VISIBLE, visible_part
@@ -29,7 +29,7 @@ CHOICES = ("estimated", "captured", "white")
 
 LEAST_ALBEDO = 0.02  # to divide by
 
-WAY = 15
+WAY = 16
 """Version of the estimate of light and albedo. It increases when the numbers change, and invalidates cached
 estimates."""
 
@@ -47,7 +47,7 @@ class Appearance(NamedTuple):
     None. capture: dict for the report, None without an estimate. trust: (V,) in [0, 1], the share of a change of light
     that each vertex of a splat takes; None for all of it. kept: whether all colours stay as captured. room: the Room of
     a closed room whose lamps and windows were separated, or None. environment: the estimated captured light, in the
-    unit of `captured` and the frame of the scene, or None.
+    unit of `captured` and the frame of the scene, or None. ambiguity: of its Estimate.
     """
 
     albedo: NDArray[np.float32] | None
@@ -59,6 +59,7 @@ class Appearance(NamedTuple):
     kept: bool = False
     room: "Room | None" = None
     environment: "Environment | None" = None
+    ambiguity: float = 0.0
 
     def received(self, radiance: NDArray[np.float32], exposure: float = 1.0) -> NDArray[np.float32]:
         """(V, 3) float32 irradiance of vertices with exit radiance (V, 3): the radiance over the albedo.
@@ -70,7 +71,10 @@ class Appearance(NamedTuple):
             return self.irradiance / np.float32(exposure)
         if self.albedo is not None:
             radiance = np.asarray(radiance / np.maximum(self.albedo, np.float32(LEAST_ALBEDO)), np.float32)
-        return radiance if self.trust is None else drawn_to_none(self.irradiance, radiance, self.trust)
+        if self.trust is None:
+            return radiance
+        share = np.float32(settled(self.irradiance, radiance, self.ambiguity))
+        return drawn_to_none(self.irradiance, radiance, share * self.trust)
 
 
 def appearance_of(
@@ -142,7 +146,8 @@ def _without_light(
     sky = room.environment if room is not None else None
     if room is None:
         sky = Environment(kept["environment"], "captured", float(kept["light_turn"]))
-    return look._replace(kept=described["left_as_captured"], room=room, environment=sky)
+    unsure = float(kept["light_ambiguity"]) if "light_ambiguity" in kept else 0.0
+    return look._replace(kept=described["left_as_captured"], room=room, environment=sky, ambiguity=unsure)
 
 
 def _pointed(relighter: "Relighter") -> "Pointed | None":
@@ -281,6 +286,7 @@ def _estimated(
     return {
         **check,
         "under_sky": np.array(found.under_sky),
+        "light_ambiguity": np.array(found.ambiguity),
         "closed": np.array(part is not None),
         "light_turn": np.array(found.environment.rotation_deg),
         "albedo": found.albedo,
@@ -291,7 +297,7 @@ def _estimated(
     }
 
 
-_CHECKED = ("self_relight_db", "mesh_self_relight_db", "distrusted_share")
+_CHECKED = ("self_relight_db", "mesh_self_relight_db", "distrusted_share", "light_ambiguity")
 
 _DESCRIBED = ("separable", "reason", "evidence", "direction", "concentration", "color", "brightness")
 

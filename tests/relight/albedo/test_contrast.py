@@ -161,6 +161,10 @@ def test_lights_share_by_how_likely_they_are(sun, least, most):
     by_sun = sum(share for share, light in found if light.sun is not None)
     assert all(light.sun @ toward > np.cos(np.radians(15.0)) for _, light in found if light.sun is not None)
     assert least <= by_sun <= most
+    spread = contrast.ambiguity(patches, directions, low, (above, none[: len(directions)]), found)
+    assert spread > 0.02 if len(found) > 1 else spread == 0.0
+    doubted = contrast.brightness_of(patches, directions, low, above, none[: len(directions)], lambda sun: -300.0)
+    assert all(light.sun is None for _, light in doubted)
 
 
 def test_too_few_patches_show_nothing(place):

@@ -71,7 +71,7 @@ def off(direction, degrees, turn):
 @pytest.mark.parametrize("degrees, turn", [(0.0, 0.0), (9.0, 1.0), (15.0, 4.0)])
 def test_the_direction_of_a_sun_follows_from_the_edges_of_its_shadows(degrees, turn):
     found = sun_at_edges(photographed(IRRADIANCE), off(SUN, degrees, turn))
-    assert found is not None
+    assert found is not None and found.clear and found.nats == 0.0
     assert found.direction @ SUN > np.cos(np.radians(2.0))
     assert found.width_deg <= 2.0
 
@@ -80,10 +80,10 @@ def test_lit_and_shaded_neighbours_show_how_strong_a_sun_is():
     scene = photographed(IRRADIANCE)
     rest = Environment(np.full((16, 32, 3), 0.5 * SKY, np.float32), "sky")
     weak, strong = (Sun(off(SUN, 6.0, 2.0), 7.0, np.zeros(0), np.full(3, each)) for each in (0.3, 4.0))
-    found = sharpened(scene, rest, weak, 1.0)
+    found = sharpened(scene, rest, weak, 1.0, sun_at_edges(scene, weak.direction))
     assert found is not None and found.irradiance is not None
     np.testing.assert_allclose(found.irradiance, 0.5 * IRRADIANCE, rtol=0.2)
-    kept = sharpened(scene, rest, strong, 0.75)
+    kept = sharpened(scene, rest, strong, 0.75, sun_at_edges(scene, strong.direction))
     assert kept is not None
     np.testing.assert_array_equal(kept.irradiance, 3.0)
 
@@ -92,9 +92,17 @@ def test_lit_and_shaded_neighbours_show_how_strong_a_sun_is():
 def test_without_a_sun_no_edge_shows_one(noise):
     scene = photographed(0.0, noise)
     for turn in (0.0, 2.5):
-        assert sun_at_edges(scene, off(SUN, 8.0, turn)) is None
+        found = sun_at_edges(scene, off(SUN, 8.0, turn))
+        assert found is not None and not found.clear
+        assert found.nats == 0.0 if noise else found.nats < -2.0  # strong paint hides any edge
 
 
 def test_a_sun_far_from_where_it_was_found_before_is_left_alone():
-    far = Sun(off(SUN, 60.0, 3.0), 7.0, np.zeros(0), np.ones(3))
-    assert sharpened(photographed(IRRADIANCE), Environment(np.ones((16, 32, 3), np.float32), "sky"), far, 1.0) is None
+    scene, far = photographed(IRRADIANCE), Sun(off(SUN, 60.0, 3.0), 7.0, np.zeros(0), np.ones(3))
+    rest = Environment(np.ones((16, 32, 3), np.float32), "sky")
+    assert sharpened(scene, rest, far, 1.0, sun_at_edges(scene, far.direction)) is None
+
+
+def test_a_sun_whose_shadows_fall_on_nothing_is_not_doubted():
+    found = sun_at_edges(photographed(0.0), off(SUN, 8.0, 0.0))
+    assert found is not None and found._replace(shaded=0.1).nats == 0.0
