@@ -1,9 +1,10 @@
 """Another light and another angle on a scene that had a first light, as commands, beside another checkout.
 
-SCENE is a scene folder; without any, a nook is generated. It is copied beside itself, and the copy gets a first light, `--first`. Then come
-`--env` as a new light, with no plan kept, and the same turned by `--angle`. With `--against` all runs alternate with
-those of another checkout of this project, first. Processor seconds of all threads, seconds of the clock, peak memory in
-MB, and how many files differ from the other's, reports aside. Both run compiled: each command once before, unmeasured.
+SCENE is a scene folder; without any, a nook is generated. It is copied beside itself, and the copy gets a first light,
+`--first`. Then come `--env` as a new light, with no plan kept, and the same turned by `--angle`. With `--against` all
+runs alternate with those of another checkout of this project, which goes first. Processor seconds of all threads,
+seconds of the clock, peak memory in MB, and how many files differ from the other's, reports aside. Both run compiled:
+each command once before, unmeasured.
 """
 
 import hashlib
