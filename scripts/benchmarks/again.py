@@ -1,9 +1,10 @@
 """Another light and another angle on a scene that had a first light, as commands, beside another checkout.
 
-SCENE is a scene folder; without any, a nook is generated. It is copied and gets a first light, `--first`. Then come
-`--env` as a new light, with no plan kept, and the same turned by `--angle`. With `--against` all runs alternate with
-those of another checkout of this project, first. Processor seconds of all threads, seconds of the clock, peak memory in
-MB, and how many files differ from the other's, reports aside. Both run compiled: each command once before, unmeasured.
+SCENE is a scene folder; without any, a nook is generated. It is copied beside itself, and the copy gets a first light,
+`--first`. Then come `--env` as a new light, with no plan kept, and the same turned by `--angle`. With `--against` all
+runs alternate with those of another checkout of this project, which goes first. Processor seconds of all threads,
+seconds of the clock, peak memory in MB, and how many files differ from the other's, reports aside. Both run compiled:
+each command once before, unmeasured.
 """
 
 import hashlib
@@ -11,7 +12,6 @@ import os
 import shutil
 import subprocess
 import sys
-import tempfile
 import time
 from pathlib import Path
 
@@ -41,9 +41,10 @@ def run(options, report):
         table = report.table(
             source.name, run="<8", checkout="<20", cpu=".1f", clock=".1f", peak_mb=".0f", differing="d"
         )
-        with tempfile.TemporaryDirectory() as temporary:
-            scene = Path(temporary) / source.name
-            shutil.copytree(source, scene, ignore=shutil.ignore_patterns("relit"))
+        scene = source.parent.resolve() / f"{source.name}.measured"  # beside it: its splat is named from there
+        shutil.rmtree(scene, ignore_errors=True)
+        shutil.copytree(source, scene, ignore=shutil.ignore_patterns("relit"))
+        try:
             for tree in trees:
                 relit(tree, scene, options, options.first, 0.0)
             for repeat in range(options.repeats + 1):
@@ -59,6 +60,8 @@ def run(options, report):
                         differing = sum(files[name] != written[0].get(name) for name in files)
                         if repeat:
                             table.add(run=kind, checkout=tree.name, **figures, differing=differing)
+        finally:
+            shutil.rmtree(scene)
 
 
 def relit(tree, scene, options, light, angle):
