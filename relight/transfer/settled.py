@@ -33,7 +33,8 @@ def settled(
     tolerance: float,
     max_bounces: int = DEFAULT_MAX_BOUNCES,
 ) -> tuple[NDArray[np.float32], list[float]]:
-    """The same as `bounces.with_bounces`, to within its noise: exit radiance (V, 3) float32, and what bounces gave.
+    """The same as `bounces.with_bounces`, to within its noise: exit radiance (V, 3) float32, and what bounces gave, each
+    over all light so far, as far as they were computed one by one.
 
     Raises InputError for arrays that do not fit.
     """
@@ -42,16 +43,16 @@ def settled(
     shares, sent = interreflection.shares, albedo * np.asarray(direct, np.float32)
 
     def settle(source: NDArray[np.float32], whole: float) -> tuple[NDArray[np.float32], list[float]]:
-        """(V, 3) light of a source (V, 3) and the norm of each bounce; whole: norm of all light so far."""
-        steps, norms, weights = [source], list[float](), np.ones((1, 3))
+        """(V, 3) light of a source (V, 3), and each bounce over the light so far; whole: norm of all other light."""
+        steps, given, weights = [source], list[float](), np.ones((1, 3))
         products = np.zeros((max_bounces + 1, max_bounces + 1, 3))
         products[0, 0] = _products(shares, source, source)
-        while len(norms) < max_bounces:
+        while len(given) < max_bounces:
             steps.append(albedo * interreflection.bounce(steps[-1], THINNING))
             for k, step in enumerate(steps):
                 products[k, len(steps) - 1] = products[len(steps) - 1, k] = _products(shares, step, steps[-1])
             last, before = (float(np.sqrt(products[k, k].sum())) for k in (len(steps) - 1, len(steps) - 2))
-            norms.append(last)
+            given.append(last / max(float(np.sqrt(products.sum())), np.finfo(np.float64).tiny))
             weights, left = _weights(products[: len(steps), : len(steps)])
             falls = max(last / before if before > 0.0 else 0.0, LEAST_FALL)
             if last == 0.0 or (falls < 1.0 and left * falls / (1.0 - falls) < tolerance * max(whole, last)):
@@ -60,14 +61,14 @@ def settled(
         found = np.zeros_like(source)
         for weight, step in zip(after, steps, strict=True):
             found += weight * step
-        return found, norms
+        return found, given
 
     whole = float(np.sqrt(_products(shares, sent, sent).sum()))
-    light, norms = settle(sent, whole)
+    light, given = settle(sent, whole)
     change = sent + albedo * interreflection.bounce(light) - light
     change, _ = settle(change, whole)
     light += change
-    return np.maximum(light, sent, out=light), [norm / max(whole, np.finfo(np.float64).tiny) for norm in norms]
+    return np.maximum(light, sent, out=light), given
 
 
 def _products(shares: Floats, one: NDArray[np.float32], other: NDArray[np.float32]) -> NDArray[np.float64]:

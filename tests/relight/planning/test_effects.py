@@ -117,12 +117,15 @@ def test_shading_is_the_sum_of_its_parts(scene, albedo, effects, name):
         neighbors = Neighbors(everything.origins, everything.normals, everything.faces)
         matrix = Interreflection(everything, DEFAULT_BOUNCE_RAYS, 3, visible_fraction(transfer), neighbors=neighbors)
         dense = matrix.bounce(np.eye(len(transfer), dtype=np.float32)).astype(np.float64)
-        for share in shading.bounces:
+        for bounce in range(100):
             increment = albedo * (dense @ increment)
             radiance = radiance + increment
-            assert share == pytest.approx(np.linalg.norm(increment) / np.linalg.norm(radiance), rel=1e-5)
-    # Float32 sums of 36 products that cancel, and of up to 192 hits: some 1e-7 each of the brightest vertex.
-    np.testing.assert_allclose(shading.radiance, radiance, rtol=1e-5, atol=1e-6 * radiance.max())
+            if bounce < len(shading.bounces):  # found by a quarter of the hits
+                share = np.linalg.norm(increment) / np.linalg.norm(radiance)
+                assert shading.bounces[bounce] == pytest.approx(share, rel=0.1)
+        assert difference(shading.radiance, radiance) < 1.5 * shading.settings.bounce_tolerance
+    else:  # float32 sums of 36 products that cancel: some 1e-7 each of the brightest vertex
+        np.testing.assert_allclose(shading.radiance, radiance, rtol=1e-5, atol=1e-6 * radiance.max())
     assert (shading.sun_count, len(suns) > 0) == (len(suns), "sun" in chosen)
     assert bool(shading.bounces) == ("bounces" in chosen)
     assert shading.radiance.dtype == np.float32

@@ -208,8 +208,9 @@ def test_white_furnace_neither_loses_nor_makes_light():
     relighter = ten_bands(scene(vertices, normals, faces), rays=64, effects=EVERYTHING)
     shading = relighter.shading(sky, white)
     direct = mean_of(relighter, sky)
-    assert direct.mean() < 0.25 and shading.sun_count == 0 and len(shading.bounces) == 16
-    assert (shading.radiance >= direct).all() and shading.radiance.max() <= 1 + 8 * EPS32
+    assert direct.mean() < 0.25 and shading.sun_count == 0 and len(shading.bounces) <= 16
+    assert (shading.radiance >= direct).all()
+    np.testing.assert_allclose(shading.radiance, 1.0, atol=shading.settings.bounce_tolerance)
     before = direct
     for count in (1, 2, 4, 16, 64):
         radiance, given = with_bounces(direct, white, relighter.interreflection(), 0.0, count)
