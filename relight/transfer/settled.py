@@ -33,8 +33,8 @@ def settled(
     tolerance: float,
     max_bounces: int = DEFAULT_MAX_BOUNCES,
 ) -> tuple[NDArray[np.float32], list[float]]:
-    """The same as `bounces.with_bounces`, to within its noise: exit radiance (V, 3) float32, and what bounces gave, each
-    over all light so far, as far as they were computed one by one.
+    """The same as `bounces.with_bounces`, to within its noise: exit radiance (V, 3) float32, and what each bounce gave
+    over all light so far, for those computed one by one.
 
     Raises InputError for arrays that do not fit.
     """
