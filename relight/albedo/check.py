@@ -102,7 +102,7 @@ def drawn_to_none(before: Radiance, after: Radiance, trust: Floats) -> NDArray[n
     return np.where(share < 1.0, after**share * (level * before) ** (1.0 - share), after).astype(np.float32)
 
 
-def settled(before: Radiance, after: Radiance, ambiguity: float) -> float:
+def share_kept(before: Radiance, after: Radiance, ambiguity: float) -> float:
     """Share of a change of light, (V, 3) each, that stays where the captured light is ambiguous (Wiener's, of signal
     and noise): small changes are lost in what the lights that may have been differ by, large ones are not.
     """

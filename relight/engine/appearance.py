@@ -12,7 +12,7 @@ from splat2mesh.base.inputs import load_array
 from splat2mesh.scene.measured import CapturedSky
 from splat2mesh.scene.scene import Scene
 
-from ..albedo.check import drawn_to_none, settled
+from ..albedo.check import AMBIGUOUS, drawn_to_none, share_kept
 from ..albedo.interior import closed_part, room_notice
 from ..albedo.seen import looks_from, standing
 from ..albedo.skylight import LEAST_VISIBLE, visible_part
@@ -73,7 +73,7 @@ class Appearance(NamedTuple):
             radiance = np.asarray(radiance / np.maximum(self.albedo, np.float32(LEAST_ALBEDO)), np.float32)
         if self.trust is None:
             return radiance
-        share = np.float32(settled(self.irradiance, radiance, self.ambiguity))
+        share = np.float32(share_kept(self.irradiance, radiance, self.ambiguity))
         return drawn_to_none(self.irradiance, radiance, share * self.trust)
 
 
@@ -133,6 +133,10 @@ def _without_light(
     elif not kept["separable"]:
         message = f"the light of the capture could not be separated from the colours of the scene: {kept['reason']}"
         warnings.warn(f"{message}; the captured colours serve as albedo", DataWarning, stacklevel=3)
+    unsure = float(kept["light_ambiguity"]) if "light_ambiguity" in kept else 0.0
+    if unsure > AMBIGUOUS:
+        message = f"several lights explain this capture and differ by {unsure:.0%} on its surfaces: changes of light no larger"
+        warnings.warn(f"{message} are weakened (--capture-env FILE names the right one)", DataWarning, stacklevel=3)
     described = {name: kept[name].tolist() for name in _DESCRIBED}
     estimated = "estimated, with the captured sky" if kept["under_sky"] else "estimated"
     described["light"] = estimated if capture_env is None else capture_env.name
@@ -146,7 +150,6 @@ def _without_light(
     sky = room.environment if room is not None else None
     if room is None:
         sky = Environment(kept["environment"], "captured", float(kept["light_turn"]))
-    unsure = float(kept["light_ambiguity"]) if "light_ambiguity" in kept else 0.0
     return look._replace(kept=described["left_as_captured"], room=room, environment=sky, ambiguity=unsure)
 
 

@@ -6,7 +6,7 @@ from captured_scenes import given, lamp_light, objects, patchy, photographed
 
 from relight import Environment
 from relight.albedo import estimate, skylight
-from relight.albedo.check import drawn_to_none, self_relight, settled
+from relight.albedo.check import drawn_to_none, self_relight, share_kept
 from relight.light.projections import row_solid_angles, texel_directions
 from relight.sh.sphere import fibonacci_sphere
 from splat2mesh.scene.color import linear_from_srgb, srgb_from_linear
@@ -161,7 +161,7 @@ def test_small_changes_are_lost_in_the_ambiguity_of_a_light_and_large_ones_are_n
     rng = np.random.default_rng(1)
     before = rng.uniform(0.2, 2.0, (4000, 3)).astype(np.float32)
     small, large = (before * rng.lognormal(0.5, spread, (4000, 1)).astype(np.float32) for spread in (0.15, 0.9))
-    assert settled(before, small, 0.0) == settled(before, small, 0.05) == 1.0
-    assert settled(before, small, 0.15) == pytest.approx(0.5, abs=0.03)
-    assert settled(before, large, 0.15) > 0.96
-    assert settled(before, 2.0 * before, 0.15) < 1e-3
+    assert share_kept(before, small, 0.0) == share_kept(before, small, 0.05) == 1.0
+    assert share_kept(before, small, 0.15) == pytest.approx(0.5, abs=0.03)
+    assert share_kept(before, large, 0.15) > 0.96
+    assert share_kept(before, 2.0 * before, 0.15) < 1e-3
