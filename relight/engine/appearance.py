@@ -135,8 +135,9 @@ def _without_light(
         warnings.warn(f"{message}; the captured colours serve as albedo", DataWarning, stacklevel=3)
     unsure = float(kept["light_ambiguity"]) if "light_ambiguity" in kept else 0.0
     if unsure > AMBIGUOUS:
-        message = f"several lights explain this capture and differ by {unsure:.0%} on its surfaces: smaller changes of light"
-        warnings.warn(f"{message} are weakened (--capture-env FILE names the right one)", DataWarning, stacklevel=3)
+        message = f"several lights explain this capture and differ by {unsure:.0%} on its surfaces"
+        message += ": smaller changes of light are weakened (--capture-env FILE names the right one)"
+        warnings.warn(message, DataWarning, stacklevel=3)
     described = {name: kept[name].tolist() for name in _DESCRIBED}
     estimated = "estimated, with the captured sky" if kept["under_sky"] else "estimated"
     described["light"] = estimated if capture_env is None else capture_env.name
