@@ -60,8 +60,15 @@ class KnownScene(Inputs):
             from ..output.usd import library
 
             library()  # so is a package
-        shown = (lambda: self.binding.used) if self._shows_splats_alone else None
+        alone = self._shows_splats_alone and not self._all_kept
+        shown = (lambda: self.binding.used) if alone else None
         return Relighter(self.scene, self.options, stages=self.stages, cache=self.cache, shown=shown)
+
+    @property
+    def _all_kept(self) -> bool:
+        """Whether the light of all vertices is kept, and not that of the shown ones alone."""
+        kept = [] if self.cache is None else [each[1:] for each in self.cache.settings_of("bounces")]
+        return bool(kept) and all(each == (self.request.lighting.seed, "every") for each in kept)
 
     @cached_property
     def cache(self) -> Cache | None:

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from mirrored_rooms import room
 from viewer_scenes import ball_on_plate
 
 from relight import Environment, LightingOptions, Scene
@@ -11,6 +12,8 @@ from relight.jobs.job import Job
 from relight.jobs.writer import Writer, report_of
 from relight.request import RelightRequest
 from splat2mesh.base.errors import InputError
+from splat2mesh.scene.sources import fingerprint
+from splat2mesh.splats.formats.write import write_splats
 
 FAST = LightingOptions("analytic", bands=3)
 
@@ -81,3 +84,21 @@ def test_the_albedo_may_be_an_array(folder):
 def test_a_scene_without_a_splat_is_lit_by_its_own_colours(folder):
     assert Job(RelightRequest(ball_on_plate(), "noon", FAST)).appearance.capture is None
     assert Job(RelightRequest(folder, "noon", FAST, caching="none")).appearance.capture is not None
+
+
+def test_splats_alone_take_the_light_of_all_vertices_that_is_kept(tmp_path):
+    """Where it is not kept, only what splats show is lit; and what was once lit for them alone goes on so."""
+    scene, splats = room(below=None, polished=False)
+    file = tmp_path / "room.ply"
+    write_splats(file, splats.take(np.arange(len(splats) // 4)))
+    scene.source = {"file": file.name, "sha256": fingerprint(file), "path": str(file)}
+    options, traced = LightingOptions(bands=3, rays=16, effects="shadows,bounces"), {}
+    for name, runs in (("kept", (("ply", "splat"), ("splat",))), ("alone", (("splat",), ("ply", "splat"), ("splat",)))):
+        scene.save(tmp_path / name)
+        for number, formats in enumerate(runs):
+            job = Job(RelightRequest(tmp_path / name, "overcast", options, albedo="captured", formats=formats))
+            tuple(job.shaded())
+            traced[name, number] = job.relighter.rays_traced, job.relighter.precomputed.partly
+    assert traced["kept", 0][0] > 0 and traced["kept", 1] == (0, False)
+    assert 0 < traced["alone", 0][0] < traced["kept", 0][0] and traced["alone", 0][1]
+    assert traced["alone", 1][0] > 0 and traced["alone", 2] == (0, True)
