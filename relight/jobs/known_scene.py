@@ -20,6 +20,7 @@ from ..light.captured import CapturedLight
 from ..light.environment import Environment
 from ..light.loading import light_of
 from ..output.pass_views import moved_view
+from ..transfer.receivers import EVERY
 from ..transfer.store import Cache
 from .inputs import Inputs
 from .meshing import of_splats
@@ -68,7 +69,7 @@ class KnownScene(Inputs):
     def _all_kept(self) -> bool:
         """Whether the light of all vertices is kept, and not that of the shown ones alone."""
         kept = [] if self.cache is None else [each[1:] for each in self.cache.settings_of("bounces")]
-        return bool(kept) and all(each == (self.request.lighting.seed, "every") for each in kept)
+        return bool(kept) and all(each == (self.request.lighting.seed, EVERY) for each in kept)
 
     @cached_property
     def cache(self) -> Cache | None:

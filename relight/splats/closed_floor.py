@@ -17,7 +17,6 @@ from splat2mesh.base.arrays import Faces, Floats, Mask, Points
 from splat2mesh.base.errors import InputError
 from splat2mesh.render.rasterize import rasterize
 from splat2mesh.render.raycaster import RayCaster
-from splat2mesh.render.view import View
 from splat2mesh.scene.chunks import split
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene
@@ -29,7 +28,7 @@ from ..albedo.seen import standing
 from ..transfer.store import Cache, array_key
 from .floor_mirror import FloorMirror, placed
 from .mirrored_places import seen_at
-from .mirrored_room import FREE, apart
+from .mirrored_room import FREE, views_down
 
 COARSE, MOST_EYES = 3, 24
 """Cells along a side of a block that is closed as one, and how many eyes look for blocks. A cell is as wide as the
@@ -41,8 +40,8 @@ UNDER = 0.02
 LEVEL_ENOUGH = 0.5
 """Least cosine with the vertical of what counts as floor that is there."""
 
-SIDES, PIXELS, FIELD_DEG, SLOPE = 3, 256, 80.0, 0.45
-"""Pictures that colour the floor: from each eye, along a side, field of view, how far down they look."""
+PIXELS = 256
+"""Along a side of the pictures that colour the floor."""
 
 
 class _Patch(NamedTuple):
@@ -189,24 +188,19 @@ def _colors(
     back = np.linalg.inv(matrix)
     scale = float(np.cbrt(abs(np.linalg.det(matrix[:3, :3]))))
     pictures = []
-    for number, eye in enumerate(apart(eyes)):
-        for side in range(SIDES):
-            angle = 2.0 * np.pi * side / SIDES + number
-            ahead = np.array([np.cos(angle), -SLOPE, np.sin(angle)])
-            start, end = (back[:3, :3] @ each + back[:3, 3] for each in (eye, eye + ahead))
-            view = View.look_at(start, end, matrix[1, :3], FIELD_DEG, PIXELS)
-            rays = view.ray_directions().reshape(-1, 3)
-            turned = rays @ matrix[:3, :3].T
-            down = -(turned @ mirror.normal)
-            far = np.where(down > 0.0, eye @ mirror.normal - mirror.offset, np.nan) / np.where(down > 0.0, down, 1.0)
-            asked = np.flatnonzero(np.isfinite(far))
-            starts = np.broadcast_to(eye, (len(asked), 3))
-            ways = np.hstack([starts, turned[asked] * (far[asked, None] - mirror.margin)]).astype(np.float32)
-            far[asked[there.occluded(ways, 1.0)]] = np.nan
-            depth = (far * (rays @ view.forward)).reshape(PIXELS, PIXELS).astype(np.float32)
-            near = mirror.margin / scale
-            color = np.clip(rasterize(splats, view, near).color, 0.0, 1.0)
-            pictures.append(RenderedPicture.from_render(view, color, depth, np.full_like(depth, np.nan)))
+    for eye, view in views_down(eyes, matrix, PIXELS):
+        rays = view.ray_directions().reshape(-1, 3)
+        turned = rays @ matrix[:3, :3].T
+        down = -(turned @ mirror.normal)
+        far = np.where(down > 0.0, eye @ mirror.normal - mirror.offset, np.nan) / np.where(down > 0.0, down, 1.0)
+        asked = np.flatnonzero(np.isfinite(far))
+        starts = np.broadcast_to(eye, (len(asked), 3))
+        ways = np.hstack([starts, turned[asked] * (far[asked, None] - mirror.margin)]).astype(np.float32)
+        far[asked[there.occluded(ways, 1.0)]] = np.nan
+        depth = (far * (rays @ view.forward)).reshape(PIXELS, PIXELS).astype(np.float32)
+        near = mirror.margin / scale
+        color = np.clip(rasterize(splats, view, near).color, 0.0, 1.0)
+        pictures.append(RenderedPicture.from_render(view, color, depth, np.full_like(depth, np.nan)))
     seen = (points @ back[:3, :3].T + back[:3, 3]).astype(np.float32)
     normals = np.tile((matrix[:3, :3].T @ mirror.normal / scale).astype(np.float32), (len(points), 1))
     return np.asarray(vertex_colors(seen, normals, pictures)[0], np.uint8)

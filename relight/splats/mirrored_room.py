@@ -1,5 +1,6 @@
 """What stands above a plane, mirrored at it, against what lies and shows below: the evidence for a mirror world."""
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -82,24 +83,19 @@ class MirroredRoom:
         upper, lower = splats.take(np.flatnonzero(~below)), splats.take(np.flatnonzero(below))
         near = NEAR * self.size * float(np.cbrt(abs(np.linalg.det(back[:3, :3]))))
         found, of_plane = [], 0
-        for number, eye in enumerate(apart(self._eyes)):
-            for side in range(SIDES):
-                angle = 2.0 * np.pi * side / SIDES + number
-                ahead = np.array([np.cos(angle), -SLOPE, np.sin(angle)])
-                start, end = (back[:3, :3] @ each + back[:3, 3] for each in (eye, eye + ahead))
-                view = View.look_at(start, end, matrix[1, :3], FIELD_DEG, PIXELS)
-                rays = view.ray_directions().reshape(-1, 3) @ matrix[:3, :3].T
-                rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-                far = (eye @ self.normal - self.offset) / np.maximum(-(rays @ self.normal), 1e-6)
-                down = np.flatnonzero(far < REACH * self.size)
-                of_plane += len(down)
-                over, under = (rasterize(each, view, near) for each in (upper, lower))
-                opacity = under.alpha.reshape(-1)[down]
-                rows = (1.0 - over.alpha.reshape(-1)[down]) * opacity > THROUGH
-                shown = under.color.reshape(-1, 3)[down[rows]] / opacity[rows, None]
-                linear = linear_from_srgb(np.clip(shown, 0.0, 1.0).astype(np.float32))
-                seen = down[rows]
-                found.append((eye + far[seen, None] * rays[seen], rays[seen], linear))
+        for eye, view in views_down(self._eyes, matrix, PIXELS):
+            rays = view.ray_directions().reshape(-1, 3) @ matrix[:3, :3].T
+            rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+            far = (eye @ self.normal - self.offset) / np.maximum(-(rays @ self.normal), 1e-6)
+            down = np.flatnonzero(far < REACH * self.size)
+            of_plane += len(down)
+            over, under = (rasterize(each, view, near) for each in (upper, lower))
+            opacity = under.alpha.reshape(-1)[down]
+            rows = (1.0 - over.alpha.reshape(-1)[down]) * opacity > THROUGH
+            shown = under.color.reshape(-1, 3)[down[rows]] / opacity[rows, None]
+            linear = linear_from_srgb(np.clip(shown, 0.0, 1.0).astype(np.float32))
+            seen = down[rows]
+            found.append((eye + far[seen, None] * rays[seen], rays[seen], linear))
         places, rays, colors = (np.concatenate(each) for each in zip(*found, strict=True))
         return SeenThrough(places, rays, colors, len(places) / max(of_plane, 1))
 
@@ -168,7 +164,19 @@ def _turn(number: int) -> NDArray[np.float64]:
     return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
 
 
-def apart(eyes: Points) -> Points:
+def views_down(eyes: Points, matrix: NDArray[np.float64], pixels: int) -> Iterator[tuple[NDArray[np.float64], View]]:
+    """(eye (3,) of some of the eyes, frame of the scene; a View of the splats from there), SIDES for each, that look
+    down on the floor. matrix: (4, 4) scene_from_splat. pixels: along a side."""
+    back = np.linalg.inv(matrix)
+    for number, eye in enumerate(_apart(eyes)):
+        for side in range(SIDES):
+            angle = 2.0 * np.pi * side / SIDES + number
+            ahead = np.array([np.cos(angle), -SLOPE, np.sin(angle)])
+            start, end = (back[:3, :3] @ each + back[:3, 3] for each in (eye, eye + ahead))
+            yield eye, View.look_at(start, end, matrix[1, :3], FIELD_DEG, pixels)
+
+
+def _apart(eyes: Points) -> Points:
     """EYES of the eyes, far from each other."""
     chosen = [0]
     while len(chosen) < min(EYES, len(eyes)):

@@ -31,16 +31,20 @@ Ring: TypeAlias = tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int32],
 """Sparse rows of vertices that take over: nodes, starts, columns, weights."""
 
 
+EVERY = "every"
+"""The key of those that are all vertices."""
+
+
 class Receivers:
     """The vertices of a scene that light is traced for.
 
-    traced: (V,) bool. rows: (S,) int64, their indices. key: short text that identifies them, "every" for all.
+    traced: (V,) bool. rows: (S,) int64, their indices. key: short text that identifies them, EVERY for all.
     """
 
     def __init__(self, traced: Mask, rings: Iterable[Ring] = ()) -> None:
         """rings: of the vertices that take over, ring after ring."""
         self.traced, self.rows, self._rings = traced, np.flatnonzero(traced), list(rings)
-        self.key = "every" if traced.all() else array_key(traced)
+        self.key = EVERY if traced.all() else array_key(traced)
 
     @classmethod
     def every(cls, count: int) -> "Receivers":
@@ -122,7 +126,7 @@ class Receivers:
     @property
     def all(self) -> bool:
         """Whether light is traced for every vertex."""
-        return self.key == "every"
+        return self.key == EVERY
 
     def filled(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
         """Values (V, C) float32 of which the traced rows are given, with all others filled in place."""
