@@ -8,10 +8,10 @@ import pygltflib
 import pytest
 from ball_splats import RADIUS, solid_ball
 from gltf_check import validator_issues
+from relight.output.relit_texture import RelitTexture
 
 from relight.cli import main
 from relight.engine.appearance import Appearance
-from relight.output.relit_texture import RelitTexture
 from splat2mesh.base.errors import DataWarning
 from splat2mesh.base.progress import Stages
 from splat2mesh.pipeline import add_texture

@@ -8,13 +8,13 @@ import numpy as np
 import open3d as o3d
 import pytest
 from gltf_check import validator_issues
+from relight.texture.unwrap import size_for
 from scipy.spatial import cKDTree
 
 from relight.albedo import Prior, albedo_of
 from relight.output.textured_files import write_textured_glb, write_transfer
 from relight.texture import KnownColors, bake, unwrap
 from relight.texture.baking import surface_points
-from relight.texture.unwrap import size_for
 from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.render.view import View
 from splat2mesh.scene.color import linear_from_srgb, srgb_from_linear
