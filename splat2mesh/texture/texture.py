@@ -68,7 +68,7 @@ def with_background(scene: Scene) -> Scene:
 def texture_of(
     scene: Scene,
     looks: Sequence[Look],  # what shows it; without any, texels have the colours of vertices
-    size: int | None = None,  # side in texels; None: as fine as the splats, without any as half an edge
+    size: int | None = None,  # side in texels; None: as fine as the splats, without any a texel for half an edge
     stages: Stages | None = None,
     background: bool = True,
 ) -> Texture:
@@ -80,14 +80,15 @@ def texture_of(
     scene = with_background(scene) if background else replace(scene, background=[])
     with stages.stage("unwrap"):
         mesh = welded(scene)
-        surface_area(mesh)  # there is one
+        area = surface_area(mesh)
         back = np.linalg.inv(np.asarray(scene.scene_from_splat, np.float64))
         unit = float(np.cbrt(abs(np.linalg.det(back[:3, :3]))))
         points = mesh.nodes[:, :3] @ back[:3, :3].T + back[:3, 3]
         if looks:
             pixel = local_pixel(looks[0].splats, points, mesh.corners)
         else:
-            pixel = np.full(len(mesh.corners), _edge(points[mesh.corners]) / 2)
+            width = _edge(points[mesh.corners]) / 2 if size is None else unit * np.sqrt(area) / check_size(size)
+            pixel = np.full(len(mesh.corners), width)
         charts = charts_of(mesh.nodes[:, :3], mesh.corners, unit / pixel)
         side, packed = SMALLEST_SIZE, None
         while size is None and side < LARGEST_SIZE and packed is None:
