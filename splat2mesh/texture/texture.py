@@ -11,7 +11,7 @@ from ..base.progress import Stages
 from ..scene.color import bytes_from_unit, linear_from_srgb, srgb_from_linear
 from ..scene.scene import Scene
 from ..surface.extract import training_pixel
-from .atlas import Atlas, atlas_of, check_size, surface_area, welded
+from .atlas import Atlas, atlas_of, check_size, face_areas, surface_area, welded
 from .charts import GUTTER, charts_of
 from .density import local_pixel
 from .projection import Look, Pictures
@@ -80,15 +80,16 @@ def texture_of(
     scene = with_background(scene) if background else replace(scene, background=[])
     with stages.stage("unwrap"):
         mesh = welded(scene)
-        area = surface_area(mesh)
+        surface_area(mesh)  # there is one
         back = np.linalg.inv(np.asarray(scene.scene_from_splat, np.float64))
         unit = float(np.cbrt(abs(np.linalg.det(back[:3, :3]))))
         points = mesh.nodes[:, :3] @ back[:3, :3].T + back[:3, 3]
-        if looks:
-            pixel = local_pixel(looks[0].splats, points, mesh.corners)
-        else:
-            width = _edge(points[mesh.corners]) / 2 if size is None else unit * np.sqrt(area) / check_size(size)
-            pixel = np.full(len(mesh.corners), width)
+        corners = points[mesh.corners]
+        pixel = (
+            local_pixel(looks[0].splats, points, mesh.corners) if looks else np.full(len(corners), _edge(corners) / 2)
+        )
+        if size is not None:  # the charts fill the square
+            pixel *= min(1.0, np.sqrt((face_areas(points, mesh.corners) / pixel**2).sum()) / check_size(size))
         charts = charts_of(mesh.nodes[:, :3], mesh.corners, unit / pixel)
         side, packed = SMALLEST_SIZE, None
         while size is None and side < LARGEST_SIZE and packed is None:

@@ -267,8 +267,8 @@ def test_a_view_shows_nothing_behind_the_mesh():
     np.testing.assert_allclose(shown, expected[inner], atol=0.025)  # two roundings to bytes, of .004, among it
     # Half of the side and a twelfth by perspective, and the pixels that the edge mixes.
     assert abs(front.unseen / behind.sum() - 0.25 * (6.0 / 5.5) ** 2) < 0.03
-    sides = bake(scene, splats, size=128, views=eyes([(1.5, 0, 1), (-1.5, 0, 1)]))
-    assert sides.unseen == 0
+    sides = bake(scene, splats, size=128, views=eyes([(0.9, 0, 1), (-0.9, 0, 1)]))
+    assert sides.unseen < 0.2 * front.unseen  # the rim of the nearer square has two depths in one pixel
 
 
 @pytest.mark.parametrize("unlit", [True, False])
