@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from splat2mesh.base.arrays import Radiance
 from splat2mesh.scene.drawn import Drawn
 from splat2mesh.texture.glb import jpeg_bytes
-from splat2mesh.texture.kept import added_part, kept_texture, textured_part
+from splat2mesh.texture.kept import added_part, textured_part
 
 from .lamps_glb import PlacedLamps
 from .relit_splats import RelitSource
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from splat2mesh.scene.mesh import Mesh
 
     from ..engine.relighter import Shaded
-    from ..texture import Baked, KnownColors
+    from ..texture import Baked
 
 BAKED = "relit_texture.glb", "albedo_texture.glb"
 """Files of `--bake texture`."""
@@ -104,35 +104,22 @@ class SceneTextures:
         return np.ones_like(look.captured) if look.albedo is None else look.albedo
 
     @cached_property
-    def _known(self) -> "KnownColors":
-        """What is known of the captured light at the vertices of the textured part."""
-        from ..texture import KnownColors
-
-        look = self._appearance
-        if look.prior is not None:
-            before = look.irradiance
-            return KnownColors(None if before is None else self._part.values(before), look.prior)
-        # Nothing was estimated: the texels take the albedo of the vertices, unless that is what was captured.
-        return KnownColors() if look.albedo is look.captured else KnownColors(albedo=self._part.values(self._albedo))
-
-    @cached_property
     def _own(self) -> "Baked | None":
         """The texture of mesh.glb, or None."""
-        from ..texture import Baked
+        from ..texture import own_texture
 
-        kept = kept_texture(self._scene)
-        unseen = self._scene.statistics.get("texels_unseen", 0)
-        return None if kept is None else Baked.of(*kept, self._known, unseen)
+        return own_texture(self._scene, self._appearance)()
 
     @cached_property
     def _baked(self) -> "Baked":
         """The texture of --bake: that of mesh.glb, or one from the cache if it was baked before."""
-        from ..texture import Baked, bake
+        from ..texture import Baked, bake, known_colors
         from ..transfer.store import array_key
 
         if self._size is None and self._own is not None:
             return self._own
-        cache, known, scene = self._relighter.cache, self._known, self._part.scene
+        cache, scene = self._relighter.cache, self._part.scene
+        known = known_colors(self._part, self._appearance)
         text = repr((self._size, self._seed, scene.source.get("sha256"), known.albedo is None, known.prior is None))
         values = [known.irradiance if known.albedo is None else known.albedo]
         key = array_key(np.frombuffer(text.encode(), np.uint8), scene.colors_srgb, *values)

@@ -7,5 +7,6 @@ colors = baked.relit(new_irradiance, exposure)
 from splat2mesh.texture.atlas import Atlas
 
 from .baking import Baked, KnownColors, bake
+from .own import known_colors, own_texture
 
-__all__ = ["Atlas", "Baked", "KnownColors", "bake"]
+__all__ = ["Atlas", "Baked", "KnownColors", "bake", "known_colors", "own_texture"]

@@ -37,11 +37,8 @@ def added_part(scene: Scene, of_vertices: Floats) -> list[tuple[Mesh, Floats]]:
     ]
 
 
-def kept_texture(scene: Scene) -> tuple[Atlas, ColorsSrgb] | None:
-    """The Atlas of what `textured_part` draws and the colours of its texels, (T, 3) uint8; None without mesh.glb.
-
-    Warns where the file is not as `splat2mesh` wrote it, and returns None.
-    """
+def kept_file(scene: Scene) -> bytes | None:
+    """mesh.glb of a scene's folder; None where there is none and, with a warning, if `splat2mesh` did not write it."""
     digest = scene.statistics.get("texture_sha256")
     if digest is None or scene.path is None or not (scene.path / TEXTURED).is_file():
         return None
@@ -53,16 +50,11 @@ def kept_texture(scene: Scene) -> tuple[Atlas, ColorsSrgb] | None:
             stacklevel=3,
         )
         return None
-    return _read(textured_part(scene).scene, content)
+    return content
 
 
-def _first_new(scene: Scene) -> int:
-    """The number of the first chunk that no texture was made for: of all where nothing was changed."""
-    return sum(len(rows) > 0 for rows in scene.left) + len(scene.hull) if scene.left else len(scene.chunks)
-
-
-def _read(scene: Scene, content: bytes) -> tuple[Atlas, ColorsSrgb]:
-    """Atlas and colours from the bytes of mesh.glb. scene: of its textured chunks alone."""
+def kept_texture(part: Drawn, content: bytes) -> tuple[Atlas, ColorsSrgb]:
+    """The Atlas of a scene's `textured_part` and the colours of its texels, (T, 3) uint8, from bytes of mesh.glb."""
     import imageio.v3 as iio
     import pygltflib
 
@@ -76,12 +68,13 @@ def _read(scene: Scene, content: bytes) -> tuple[Atlas, ColorsSrgb]:
 
     kinds = {5123: "<u2", 5125: "<u4"}
     uv, faces = [], []
+    scene = part.scene
     left: Sequence[Any] = scene.left or (None,) * len(scene.chunks)
     for mesh, rows in zip(document.meshes, left, strict=False):
-        part = mesh.primitives[0]
-        kind = kinds[document.accessors[part.indices].componentType]
-        corners = array(part.indices, kind, 1).reshape(-1, 3).astype(np.int32)
-        coordinates = array(part.attributes.TEXCOORD_0, "<f4", 2).reshape(-1, 2)
+        drawn = mesh.primitives[0]
+        kind = kinds[document.accessors[drawn.indices].componentType]
+        corners = array(drawn.indices, kind, 1).reshape(-1, 3).astype(np.int32)
+        coordinates = array(drawn.attributes.TEXCOORD_0, "<f4", 2).reshape(-1, 2)
         if rows is not None:
             used, numbers = np.unique(corners[rows], return_inverse=True)
             corners, coordinates = numbers.reshape(-1, 3).astype(np.int32), coordinates[used]
@@ -94,3 +87,8 @@ def _read(scene: Scene, content: bytes) -> tuple[Atlas, ColorsSrgb]:
     )
     atlas = atlas_again(scene, uv, faces, len(picture))
     return atlas, picture.reshape(-1, 3)[atlas.texels]
+
+
+def _first_new(scene: Scene) -> int:
+    """The number of the first chunk that no texture was made for: of all where nothing was changed."""
+    return sum(len(rows) > 0 for rows in scene.left) + len(scene.hull) if scene.left else len(scene.chunks)

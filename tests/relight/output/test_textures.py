@@ -23,7 +23,7 @@ from splat2mesh.render.view import View
 from splat2mesh.scene.color import linear_from_srgb
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene
-from splat2mesh.texture.kept import kept_texture
+from splat2mesh.texture.kept import kept_texture, textured_part
 from splat2mesh.texture.projection import Look
 
 LIMIT = 150
@@ -96,7 +96,7 @@ def test_baked_files_have_the_texels_of_the_capture(folder, tmp_path):
         assert validator_issues(tmp_path / name)["numErrors"] == 0
         coordinates = [[floats(file, mesh) for mesh in file.meshes] for file in (before, found)]
         assert all(np.array_equal(*pair) for pair in zip(*coordinates, strict=True)) and len(coordinates[0]) > 1
-        atlas, _ = kept_texture(scene)
+        atlas, _ = kept_texture(textured_part(scene), (folder / "mesh.glb").read_bytes())
         inside = atlas.texels[atlas.inside]
         # Half floats of albedo are good to 5e-4 of it, less than a step of 255.
         off = picture_of(found).reshape(-1, 3)[inside].astype(int) - captured.reshape(-1, 3)[inside]
