@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from splat2mesh.base.arrays import Directions, Faces, Floats, Integers, Points
 from splat2mesh.base.errors import InputError
@@ -151,7 +151,7 @@ class Places:
         self.columns = np.zeros((count, 3 + NEAREST), np.int32)
         self.weights = np.zeros((count, 3 + NEAREST), np.float32)
         self.far = np.zeros(count, np.float32)
-        tree, nearest = cKDTree(surface.points), min(NEAREST, len(surface.points))
+        tree, nearest = scipy.spatial.cKDTree(surface.points), min(NEAREST, len(surface.points))
 
         touching = surface.caster.closest(splats.means)
 
