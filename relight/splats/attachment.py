@@ -243,15 +243,23 @@ class Patches(NamedTuple):
 
     def seen_from(self, points: Points) -> NDArray[np.float32]:
         """Means (N, C) float32 by area over the fourth power of distance: far away, the mean of all patches."""
-        from scipy.spatial.distance import cdist
-
         result = np.zeros((len(points), self.values.shape[1]), np.float32)
         for start in range(0, len(points), 4096):
             rows = slice(start, start + 4096)
-            distance = cdist(points[rows].astype(np.float64), self.centers, "sqeuclidean")
+            distance = _squared_distances(points[rows].astype(np.float64), self.centers)
             weights = self.areas / (distance / self.side**2 + 0.25) ** 2
             result[rows] = weights @ self.values / weights.sum(axis=1, keepdims=True)
         return result
+
+
+def _squared_distances(points: NDArray[np.float64], centers: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(N, P) float64 of points (N, 3) and centers (P, 3)."""
+    total = np.zeros((len(points), len(centers)))
+    for axis in range(3):
+        apart = points[:, axis, None] - centers[:, axis]
+        apart *= apart
+        total += apart
+    return total
 
 
 def _normals(splats: Splats) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
