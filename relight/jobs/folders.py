@@ -154,6 +154,7 @@ def _relit(request: RelightRequest, stages: Stages, messages: list[str], notes: 
     if request.animated:
         note, report = writer.film(folders[0], request.fps, request.overwrite)
         return RelitFiles(folders, [report], notes=notes + [note] * bool(note), job=job)
+    job.begin()
     reports, left = [], iter(folders)
     for light in lights:
         writer = writer if light is lights[0] else writer.under(light)

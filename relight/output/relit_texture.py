@@ -4,7 +4,7 @@ import hashlib
 import io
 import os
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Radiance
+from splat2mesh.base.beside import Beside
 from splat2mesh.base.errors import DataWarning
 from splat2mesh.scene.color import bytes_from_unit, linear_from_srgb, srgb_from_linear
 from splat2mesh.scene.drawn import Drawn
@@ -45,15 +46,22 @@ class RelitTexture:
     @classmethod
     def of_scene(cls, scene: "Scene", appearance: "Appearance") -> "RelitTexture | None":
         """That of a Scene from a folder with mesh.glb; None without, and where albedo is known of vertices alone."""
+        return cls.begun(scene, appearance)()
+
+    @classmethod
+    def begun(cls, scene: "Scene", appearance: "Appearance") -> "Callable[[], RelitTexture | None]":
+        """The function that returns the same, made beside other work from now on."""
         if appearance.prior is None and appearance.albedo is not appearance.captured:
-            return None
+            return lambda: None
         surfaces = Drawn.surfaces(_textured(scene))
-        kept = _kept(surfaces.scene)
-        if kept is None:
-            return None
+        content = _content(surfaces.scene)
+        return Beside(lambda: cls._made(scene, appearance, surfaces, content)).result if content else lambda: None
+
+    @classmethod
+    def _made(cls, scene: "Scene", appearance: "Appearance", surfaces: Drawn, content: bytes) -> "RelitTexture":
         from ..albedo import albedo_of
 
-        atlas, colors = kept
+        atlas, colors = _read(surfaces.scene, content)
         albedo = np.empty((len(colors), 3), np.float16)
         for start in range(0, len(colors), BATCH):
             rows = slice(start, start + BATCH)
@@ -120,8 +128,8 @@ def _added(scene: "Scene", shown: Radiance) -> "list[tuple[Mesh, Radiance]]":
     ]
 
 
-def _kept(scene: "Scene") -> tuple[Atlas, NDArray[np.uint8]] | None:
-    """The Atlas of a scene's chunks and the colours of its texels, (T, 3) uint8, as its folder has them, or None."""
+def _content(scene: "Scene") -> bytes | None:
+    """The file of a scene's texture, or None where its folder has none, or another."""
     digest = scene.statistics.get("texture_sha256")
     if digest is None or scene.path is None or not (scene.path / TEXTURED).is_file():
         return None
@@ -133,6 +141,11 @@ def _kept(scene: "Scene") -> tuple[Atlas, NDArray[np.uint8]] | None:
             stacklevel=3,
         )
         return None
+    return content
+
+
+def _read(scene: "Scene", content: bytes) -> tuple[Atlas, NDArray[np.uint8]]:
+    """The Atlas of a scene's chunks and the colours of its texels, (T, 3) uint8, in the file of its texture."""
     import imageio.v3 as iio
     import pygltflib
 

@@ -1,6 +1,7 @@
 """Write the files of one light after another: meshes, splats, textures, a picture. Shared parts are made once."""
 
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -18,9 +19,9 @@ from .around_files import AroundFiles
 from .clean_files import CleanFiles
 from .engine_files import EngineFiles
 from .kinds import APART, FILES, SHEET
-from .lamps_glb import PlacedLamps
 from .live_files import LiveFiles
 from .pass_files import PassFiles
+from .relit_glb import RelitGlb
 from .relit_splats import RelitSource
 from .subject import WrittenScene
 
@@ -68,13 +69,14 @@ class Results:
         texture_size: int | None = None,
         others: OwnWriters = OwnWriters(),
     ) -> None:
-        self._gloss, self._lamps, self._bound = written.gloss, written.lamps, written.binding
+        self._gloss, self._bound = written.gloss, written.binding
         self._live, self._engines, self._around = others.live, others.engines, others.around
         self._clean, self._passes = others.clean, others.passes
         self._relighter, self._appearance = written.relighter, written.appearance
         self._kinds, self._baked = kinds, baked
         self._splats = None if written.splats is None else written.splats[0]
         self._relit = RelitSource(written)
+        self._glb = RelitGlb(written, self._relit)
         self._texture_size, self._seed = texture_size, written.seed
         self._scene, self._stages = self._relighter.scene, self._relighter.stages
         self._drawn = Drawn(self._scene)
@@ -82,31 +84,45 @@ class Results:
         self._picture: Any = None
         self._last_picture: NDArray[np.uint8] | None = None
         self._on_sheet: list[tuple[str, NDArray[np.uint8]]] = []
-        self._texture, self._own_texture = None, None  # type: Any, Any  # own: False where the scene has none
+        self._texture: Any = None
 
     def write(self, folder: Path, shaded: "Shaded") -> tuple[list[str], dict[str, Any]]:
         """Fill an existing folder: (names of the files, further entries of the report)."""
-        light, exposure = shaded.light, shaded.exposure
+        exposure = shaded.exposure
         pictured = "png" in self._kinds or "splat" in self._kinds  # what is written as a splat is shown too
         kinds = {*self._kinds, "png"} if pictured else self._kinds
         names = [FILES[kind] for kind in FILES if kind in kinds and kind not in APART]
         facts: dict = {}
-        relit = None
-        with self._stages.stage("write"):
+        relit = glb = files = None
+        with ExitStack() as begun:
             if "glb" in self._kinds:
-                extras = {"environment": light.name, "angle_deg": light.rotation_deg}
-                placed = self._lamps(light, exposure)
-                facts["clipped_vertices"] = self._write_glb(folder / FILES["glb"], shaded, extras, placed)
-            if "ply" in self._kinds:
-                mesh_files.write_ply(folder / FILES["ply"], self._scene, shaded.shading.radiance, exposure)
-            if "npy" in self._kinds:
-                mesh_files.write_npy(folder / FILES["npy"], self._scene, shaded.shading.radiance)
-        if self._splats is not None and (
-            pictured or self._around is not None or (self._engines is not None and self._engines.wants_relit)
-        ):
-            relit = self._relit.relit(shaded)
-        if "splat" in self._kinds and relit is not None:
-            names += self._relit.write(folder, relit)
+                facts["clipped_vertices"] = 0
+                glb = begun.enter_context(self._glb.begin(folder / FILES["glb"], shaded))
+            with self._stages.stage("write"):
+                if "ply" in self._kinds:
+                    mesh_files.write_ply(folder / FILES["ply"], self._scene, shaded.shading.radiance, exposure)
+                if "npy" in self._kinds:
+                    mesh_files.write_npy(folder / FILES["npy"], self._scene, shaded.shading.radiance)
+            if self._splats is not None and (
+                pictured or self._around is not None or (self._engines is not None and self._engines.wants_relit)
+            ):
+                relit = self._relit.relit(shaded)
+            place = len(names)
+            if "splat" in self._kinds and relit is not None:
+                files = begun.enter_context(self._relit.begin(folder, relit))
+                if shaded.inserted is not None:
+                    files.result()  # objects are added to it
+            self._write_others(folder, shaded, relit, names, facts)
+            if glb is not None:
+                facts["clipped_vertices"] = glb.result()
+            names[place:place] = [] if files is None else files.result()
+        return names, facts
+
+    def _write_others(
+        self, folder: Path, shaded: "Shaded", relit: Splats | None, names: list[str], facts: dict[str, Any]
+    ) -> None:
+        """Write all but the mesh and the splats, and add to the names and the entries of the report."""
+        light, exposure = shaded.light, shaded.exposure
         if shaded.inserted is not None:
             names += self._write_inserted(folder, relit, shaded)
         if self._baked:
@@ -128,28 +144,12 @@ class Results:
             objects = self._live_objects(relit, shaded)
             written, facts["live"] = self._live.write(folder, light, exposure, self._kinds, objects)
             names += written
-        if pictured:
+        if "png" in self._kinds or "splat" in self._kinds:
             with self._stages.stage("preview"):
                 self._last_picture = self._painted(relit, shaded)
                 mesh_files.write_png(folder / FILES["png"], self._last_picture)
             shown = "splat" if relit is not None else "mesh" if self._texture is None else "texture"
             facts["preview"] = {"shows": shown, "camera": self._picture.camera}
-        return names, facts
-
-    def _write_glb(self, path: Path, shaded: "Shaded", extras: dict[str, Any], placed: PlacedLamps) -> int:
-        """relit.glb, in its texture where the scene has one; the number of vertices that are clipped."""
-        from .relit_texture import RelitTexture
-
-        if self._own_texture is None:
-            self._own_texture = RelitTexture.of_scene(self._scene, self._appearance) or False
-        radiance, exposure = shaded.shading.radiance, shaded.exposure
-        if not self._own_texture:
-            return mesh_files.write_glb(path, self._scene, radiance, exposure, extras, placed)
-        clipped = int((mesh_files.check_radiance(self._scene, radiance) * exposure > 1.0).any(axis=1).sum())
-        extras = {"clipped_vertices": clipped, **extras}
-        received = self._relit.received(shaded.shading, exposure)
-        self._own_texture.write(path, received, exposure, extras, placed, radiance)
-        return clipped
 
     def _write_inserted(self, folder: Path, relit: Splats | None, shaded: "Shaded") -> list[str]:
         """Write the lit inserted objects, and a picture of them in the scene: names of the files."""

@@ -135,6 +135,12 @@ class Precomputed:
 
         return found
 
+    def begin(self) -> None:
+        """Begin to read the only Interreflection that is kept, beside other work."""
+        kept = self._matrices() if self._shown is None else []
+        if len(kept) == 1 and not self._interreflections:
+            self.cache.begin("bounces", kept[0], self.seed, self.receivers.key)
+
     def _matrices(self) -> list[int]:
         """Numbers of rays of the interreflections, in memory or cached."""
         kept, name = self.cache.settings_of("bounces"), (self.seed, self.receivers.key)

@@ -18,8 +18,8 @@ _BLAS = "scipy.linalg.cython_blas"
 
 
 def without_blas() -> None:
-    """Have Numba, before the first kernel, do without the linear algebra of SciPy, which it looks for and no kernel here
-    uses. For a command: .15 s of its imports."""
+    """Have Numba, before the first kernel, do without the linear algebra of SciPy, which no kernel here uses. For a
+    command: .15 s of its imports."""
     modules: dict[str, ModuleType | Any] = sys.modules
     if _BLAS in modules or "numba.np.arraymath" in modules:
         return
