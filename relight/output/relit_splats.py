@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from splat2mesh.base.beside import Beside
 from splat2mesh.scene.color import luminance
 from splat2mesh.splats.formats import can_hold, kind_of, sog_writing, write_splats
 from splat2mesh.splats.splats import Splats
@@ -105,10 +104,6 @@ class RelitSource:
         """(V, 3) irradiance over pi, unit of the radiance."""
         known = shading.received
         return self._appearance.received(shading.radiance, exposure) if known is None else known
-
-    def begin(self, folder: Path, relit: Splats) -> Beside[list[str]]:
-        """Begin to `write`, beside other work."""
-        return Beside(lambda: self.write(folder, relit))
 
     def write(self, folder: Path, relit: Splats) -> list[str]:
         """The splats in the new light, also in the format of their source: names of files beyond FILES."""

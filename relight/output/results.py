@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from splat2mesh.base.beside import Beside
 from splat2mesh.scene.drawn import Drawn
 from splat2mesh.splats.splats import Splats
 
@@ -88,7 +90,6 @@ class Results:
 
     def write(self, folder: Path, shaded: "Shaded") -> tuple[list[str], dict[str, Any]]:
         """Fill an existing folder: (names of the files, further entries of the report)."""
-        exposure = shaded.exposure
         pictured = "png" in self._kinds or "splat" in self._kinds  # what is written as a splat is shown too
         kinds = {*self._kinds, "png"} if pictured else self._kinds
         names = [FILES[kind] for kind in FILES if kind in kinds and kind not in APART]
@@ -100,7 +101,7 @@ class Results:
                 glb = begun.enter_context(self._glb.begin(folder / FILES["glb"], shaded))
             with self._stages.stage("write"):
                 if "ply" in self._kinds:
-                    mesh_files.write_ply(folder / FILES["ply"], self._scene, shaded.shading.radiance, exposure)
+                    mesh_files.write_ply(folder / FILES["ply"], self._scene, shaded.shading.radiance, shaded.exposure)
                 if "npy" in self._kinds:
                     mesh_files.write_npy(folder / FILES["npy"], self._scene, shaded.shading.radiance)
             if self._splats is not None and (
@@ -109,7 +110,7 @@ class Results:
                 relit = self._relit.relit(shaded)
             place = len(names)
             if "splat" in self._kinds and relit is not None:
-                files = begun.enter_context(self._relit.begin(folder, relit))
+                files = begun.enter_context(Beside(partial(self._relit.write, folder, relit)))
                 if shaded.inserted is not None:
                     files.result()  # objects are added to it
             self._write_others(folder, shaded, relit, names, facts)

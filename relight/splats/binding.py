@@ -65,7 +65,7 @@ class Binding:
                 stacklevel=2,
             )
         self._captured = linear_from_srgb(scene.colors_srgb.astype(np.float32) / np.float32(255.0))
-        self.surface = Surface(scene, diagonal)
+        self.surface = Surface(scene, diagonal) if cache is None else Surface.kept_in(cache, scene, diagonal)
         self.shown = splats if not unlit else splats.take(self.lit)
         self._near = 0.005 * self.surface.diagonal
         self._mirrored: MirroredPlaces | None = None
