@@ -157,8 +157,10 @@ class Binding:
         columns, weights = self.places.columns[self._drawn], self.places.weights[self._drawn]
         return np.bincount(columns.ravel(), weights.ravel(), len(self.surface.points)) > LEAST_USE
 
-    def _asked(self) -> Mask:
-        """(M,) bool: the nodes whose light is used."""
+    def _asked(self) -> Mask | None:
+        """(M,) bool: the nodes whose light is used; None without a volume, where nobody asks."""
+        if not self._volume.any():
+            return None
         asked = np.zeros(len(self.surface.points), bool)
         asked[self.places.columns.ravel()] = True
         if self._looks is not None:
