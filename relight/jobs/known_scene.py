@@ -111,7 +111,8 @@ class KnownScene(Inputs):
         Splats that are not bound yet are bound later, by all cores, and damaged ones warn when they are.
         """
         self.require("relighter")
-        self.relighter.precomputed.begin()
+        if not (self.keeps_captured or self.options.opened):
+            self.relighter.precomputed.begin()
         if self.shows_splats and self.splats is not None:
             from ..splats import Binding
 
