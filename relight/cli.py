@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from splat2mesh.base.collecting import compile_without_collector
+from splat2mesh.base.collecting import compile_without_collector, import_without_collector
 from splat2mesh.base.commandline import chosen, several, share
 from splat2mesh.base.console import Display, notify, run
 from splat2mesh.base.errors import InputError
@@ -109,7 +109,12 @@ def _command(words: argparse.Namespace, display: Display) -> tuple[list[str], An
     port = getattr(words, "serve", None)
     _check_session(words, port)
 
-    from .jobs.folders import is_city, relight_files
+    with import_without_collector():
+        from splat2mesh.base.kernels import without_blas
+
+        from .jobs.folders import is_city, relight_files
+
+        without_blas()
 
     if is_city(request):
         for name in ("plan", "view", "screenshot", "serve"):

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
 
 from splat2mesh.base.arrays import Directions, Floats, Mask, Vector
 from splat2mesh.base.calibration import Provenance
@@ -191,7 +191,7 @@ class _Sides:
         self.count = int(np.count_nonzero(both))
         self._weight = (counts[0] * counts[1] / np.maximum(counts[0] + counts[1], 1))[both]
         mean = [
-            csr_array((1.0 / count[cell[side]], (cell[side], np.flatnonzero(side))), (many, len(cell)))
+            scipy.sparse.csr_array((1.0 / count[cell[side]], (cell[side], np.flatnonzero(side))), (many, len(cell)))
             for side, count in zip((lit, shaded), counts, strict=True)
         ]
         self._mean = (mean[0] - mean[1])[both]
@@ -247,7 +247,7 @@ class _Cells:
     def __init__(self, cell: NDArray[np.int64], log_captured: NDArray[np.float64], openness: NDArray[np.float64]):
         """All (N,): cell numbers from 0."""
         count = len(cell)
-        self._cell, self._member = cell, csr_array((np.ones(count), (cell, np.arange(count))))
+        self._cell, self._member = cell, scipy.sparse.csr_array((np.ones(count), (cell, np.arange(count))))
         self._weight = np.ones(count)
         self._weight = 1.0 / (1.0 + (self._off(log_captured) / PATCHES.outlier) ** 2)
         self._sky = self._off(np.log(openness))

@@ -10,8 +10,8 @@ from collections.abc import Callable
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
 
 from splat2mesh.base.arrays import Floats, Radiance
 
@@ -174,7 +174,7 @@ def differences(
 
 def laplacian(robust: NDArray[np.float64], pairs: NDArray[np.int64], count: int, values: Floats) -> Floats:
     """(N, D): the weighted graph's Laplacian times values (N, D). It stands for the pairs, of which there are more."""
-    across = coo_array((robust, pairs.T), (count, count)).tocsr()
+    across = scipy.sparse.coo_array((robust, pairs.T), (count, count)).tocsr()
     across = (across + across.T).astype(values.dtype)
     own = np.asarray(across.sum(axis=1)).ravel()
     return own[:, None] * values - across @ values

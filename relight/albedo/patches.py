@@ -9,8 +9,8 @@ from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
 
 from splat2mesh.base.arrays import Floats, Integers, Mask, Transfer
 from splat2mesh.base.calibration import NOT_RECORDED, Provenance
@@ -106,7 +106,7 @@ def patches_of(
     index = numbered([points / cell, 1.2 * normal + 0.5, chroma / PATCHES.alike])
     count = np.bincount(index)
     shape = len(count), len(captured)
-    means = csr_array(
+    means = scipy.sparse.csr_array(
         ((some.shares / count[index][:, None]).ravel(), (np.repeat(index, 3), some.corners.ravel())), shape
     )
     height = means @ occluder.normals[:, 1]

@@ -5,7 +5,7 @@ the edge of a shadow the paint goes on; what it does not explain is the light's.
 """
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 from splat2mesh.base.arrays import Floats, Mask
 from splat2mesh.scene.color import luminance
@@ -54,7 +54,7 @@ def evened(scene: CapturedScene, found: Estimate, volume: Floats | None = None) 
     if not len(rows) or len(beside) < AROUND:
         return found
     alike = np.hstack([occluder.origins, APART / np.sqrt(2.0) * occluder.normals])
-    near = beside[cKDTree(alike[beside]).query(alike[rows], AROUND)[1]]
+    near = beside[scipy.spatial.cKDTree(alike[beside]).query(alike[rows], AROUND)[1]]
     paint = np.log(np.maximum(scene.captured, LEAST)) - light
     explained = np.clip(paint[rows], *np.percentile(paint[near], RANGE, axis=1))
     darkest, brightest = light[near].min(axis=1), light[near].max(axis=1)

@@ -3,8 +3,8 @@
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from splat2mesh.base.arrays import Directions, Floats, Indices, Mask
 
@@ -130,7 +130,7 @@ def neighbor_pairs(positions: NDArray[np.float64]) -> tuple[NDArray[np.int64], N
         near = min(NEIGHBORS + 1, len(some))
         if near < 2:
             continue
-        _, index = cKDTree(positions[some]).query(positions[some], near)
+        _, index = scipy.spatial.cKDTree(positions[some]).query(positions[some], near)
         ends = np.stack([np.repeat(some, near - 1), some[index[:, 1:]].ravel()], axis=1)
         ends = np.unique(np.sort(ends, axis=1), axis=0)
         ends = ends[ends[:, 0] != ends[:, 1]]

@@ -9,9 +9,8 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter
-from scipy.spatial import cKDTree
 
 from splat2mesh.base.arrays import Directions, Floats
 from splat2mesh.base.sphere import row_solid_angles, texel_directions
@@ -94,7 +93,7 @@ class SkyParts(NamedTuple):
         height, width = sky.bound.shape[:2]
         texels = texel_directions(height, width).reshape(-1, 3)
         areas = np.repeat(row_solid_angles(height, width), width)
-        owner = cKDTree(directions).query(texels)[1]
+        owner = scipy.spatial.cKDTree(directions).query(texels)[1]
         total = np.bincount(owner, areas, len(directions))
 
         def mean(values: Floats) -> NDArray[np.float64]:
@@ -125,7 +124,9 @@ def unmixed(sky: CapturedSky) -> CapturedSky:
     Splats mix in sRGB: what of a texel's display value exceeds that of BEFORE_SKY is the share that was clipped.
     """
     clipped, bound = sky.clipped.astype(np.float64), sky.bound.astype(np.float64)
-    beside = gaussian_filter(clipped, (BLUR_TEXELS, BLUR_TEXELS, 0.0), mode=("nearest", "wrap", "nearest"))
+    beside = scipy.ndimage.gaussian_filter(
+        clipped, (BLUR_TEXELS, BLUR_TEXELS, 0.0), mode=("nearest", "wrap", "nearest")
+    )
     shown, before = srgb_from_linear(np.clip(sky.radiance, 0.0, 1.0)), float(srgb_from_linear(np.float64(BEFORE_SKY)))
     share = np.clip((shown - before) / (1.0 - before), 0.0, 1.0) * np.minimum(beside / BLURRED_BESIDE, 1.0)
     rest = linear_from_srgb(np.clip((shown - share) / np.maximum(1.0 - share, 1e-3), 0.0, 1.0))

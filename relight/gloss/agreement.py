@@ -11,7 +11,7 @@ from splat2mesh.base.arrays import Floats
 from splat2mesh.scene.color import luminance
 
 from .fits import PatchFits
-from .material import DEGREE, FACTORS
+from .material import DEGREE, roughness_factors
 
 TURNS = 30
 
@@ -50,7 +50,7 @@ def reflected_light(fits: PatchFits) -> NDArray[np.float64] | None:
         return None
     light, strength, factor = found
     # Each half of the places is asked with the strength that the other half gives.
-    shape = FACTORS[factor][:, :, None] * light
+    shape = roughness_factors()[factor][:, :, None] * light
     along = np.einsum("pkc,phkc->ph", shape, moments)
     square = np.einsum("pkc,phkl,plc->ph", shape, gram, shape)
     each = np.maximum(along / np.maximum(square, 1e-30), 0.0)[:, ::-1]
@@ -85,7 +85,7 @@ def _agreed(
     light = _solved(gram[first], moments[first], START_RIDGE)
     strength, factor = np.zeros(len(gram)), np.zeros(len(gram), np.int64)
     for _ in range(TURNS):
-        shape = FACTORS[:, :, None] * light
+        shape = roughness_factors()[:, :, None] * light
         along = np.einsum("akc,pkc->pa", shape, moments)
         square = np.einsum("akc,pkl,alc->pa", shape, gram, shape)
         strengths = np.maximum(along / np.maximum(square, 1e-30), 0.0)
@@ -97,7 +97,7 @@ def _agreed(
         if not useful.any():
             return None
         noise = power[useful] * (1.0 - explained[useful]) / count[useful]
-        scaled = FACTORS[factor[useful]] * strength[useful, None]
+        scaled = roughness_factors()[factor[useful]] * strength[useful, None]
         whole = np.einsum("p,pk,pkl,pl->kl", 1.0 / noise, scaled, gram[useful], scaled)
         total = np.einsum("p,pk,pkc->kc", 1.0 / noise, scaled, moments[useful])
         new = _solved(whole, total, RIDGE)

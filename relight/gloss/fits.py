@@ -9,9 +9,8 @@ from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.cluster.vq import kmeans2
-from scipy.spatial import cKDTree
 
 from splat2mesh.base.arrays import Floats, Matrix3
 from splat2mesh.base.errors import InputError
@@ -155,8 +154,8 @@ def _patches(binding: Binding, colors: Floats, seed: int) -> NDArray[np.int32]:
     rng = np.random.default_rng(seed)
     used = np.flatnonzero(surface.used)
     sample = features[rng.choice(used, min(8000, len(used)), replace=False)]
-    centers, _ = kmeans2(sample, min(PATCHES, len(sample)), iter=15, minit="++", rng=rng)
-    return cKDTree(centers).query(features)[1].astype(np.int32)
+    centers, _ = scipy.cluster.vq.kmeans2(sample, min(PATCHES, len(sample)), iter=15, minit="++", rng=rng)
+    return scipy.spatial.cKDTree(centers).query(features)[1].astype(np.int32)
 
 
 def _sums(

@@ -7,8 +7,8 @@ Source: Walter et al., "Microfacet models for refraction through rough surfaces"
 from functools import lru_cache
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.special import eval_legendre
 
 from splat2mesh.base.arrays import Directions, Floats
 
@@ -24,7 +24,7 @@ def _zonal(alpha: float, bands: int) -> tuple[float, ...]:
     density = alpha**2 / (np.cos(angle) ** 2 * (alpha**2 - 1.0) + 1.0) ** 2
     weight = density * np.cos(angle) * np.sin(angle) * np.cos(2 * angle)
     weight /= weight.sum()
-    return tuple(float(weight @ eval_legendre(degree, np.cos(2 * angle))) for degree in range(bands))
+    return tuple(float(weight @ scipy.special.eval_legendre(degree, np.cos(2 * angle))) for degree in range(bands))
 
 
 def zonal_factors(alpha: float, bands: int) -> NDArray[np.float64]:

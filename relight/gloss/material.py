@@ -1,6 +1,7 @@
 """Reflectance and roughness of each patch: the share of the captured light's reflection that its pixels show."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -18,8 +19,14 @@ ALPHAS = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.65)
 """GGX roughness that is distinguished. Degree 3 shows little between the first two; a noisy normal looks rough."""
 
 DEGREE = harmonics.degrees_and_orders(BANDS)[0][1:]
-FACTORS = np.array([zonal_factors(alpha, BANDS)[DEGREE] for alpha in ALPHAS])
-"""(A, K) factor of each roughness on each coefficient but the mean."""
+
+
+@lru_cache(1)
+def roughness_factors() -> NDArray[np.float64]:
+    """(A, K) factor of each roughness on each coefficient but the mean."""
+    found = np.array([zonal_factors(alpha, BANDS)[DEGREE] for alpha in ALPHAS])
+    found.setflags(write=False)
+    return found
 
 
 @dataclass(frozen=True)
@@ -122,7 +129,7 @@ def best_lobe(fits: PatchFits, patch: int, light: Floats) -> Lobe:
     reflectance, total = np.zeros(3), max(float(fits.power[patch].sum()), 1e-30)
     for kind in (False, True):
         gram, moments = fits.gram[patch, :, int(kind)], fits.moments[patch, :, int(kind)]
-        for number, factors in enumerate(FACTORS):
+        for number, factors in enumerate(roughness_factors()):
             shape = factors[:, None] * light[1:]
             along = np.einsum("kc,hkc->hc", shape, moments)
             square = np.einsum("kc,hkl,lc->hc", shape, gram, shape)
@@ -132,7 +139,7 @@ def best_lobe(fits: PatchFits, patch: int, light: Floats) -> Lobe:
                 reflectance = np.maximum(along.sum(axis=0) / np.maximum(square.sum(axis=0), 1e-30), 0.0)
                 gain, factor, flat = found, number, kind
     # A metal's mean colour is the mean of the light that its lobe sees.
-    seen = fits.mirrored[patch] @ (np.append(1.0, FACTORS[factor])[:, None] * light)
+    seen = fits.mirrored[patch] @ (np.append(1.0, roughness_factors()[factor])[:, None] * light)
     whole = fits.shown[patch] / np.maximum(seen, 1e-30)
     share = float(luminance(reflectance)) / max(float(luminance(whole)), 1e-30)
     metal = flat and gain >= GLOSS.metal_explained and whole.max() >= GLOSS.metal_whole and share >= GLOSS.metal_share

@@ -1,8 +1,8 @@
 """Light that arrives at the place of an object from each direction, and what the object shows in its place."""
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from splat2mesh.base.arrays import Directions, Faces, Vector
 
@@ -30,7 +30,7 @@ def light_at(around: Surroundings, place: Vector) -> tuple[NDArray[np.float32], 
     place = np.asarray(place, np.float32)
     start = np.broadcast_to(place, looks.shape)
     seen = around.seen(around.occluder.first_hits(np.hstack([start, looks])), looks)
-    nearest = cKDTree(even)
+    nearest = scipy.spatial.cKDTree(even)
     owner = nearest.query(looks)[1]
     light = np.stack([np.bincount(owner, seen[:, c], len(even)) for c in range(3)], axis=1) * (4.0 * np.pi / LOOKS)
     single, weights = _clustered(*_single(around, place))

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from splat2mesh.base.arrays import Directions, Mask
 from splat2mesh.base.kernels import kernel
@@ -90,7 +90,7 @@ class HiddenLight:
         if not np.allclose(turn, np.eye(3)):
             # The maps turn with the object, the light does not.
             even, suns = np.split(maps.directions.astype(np.float64), [DIRECTIONS])
-            light = np.concatenate([light[cKDTree(even).query(even @ turn)[1]], light[DIRECTIONS:]])
+            light = np.concatenate([light[scipy.spatial.cKDTree(even).query(even @ turn)[1]], light[DIRECTIONS:]])
             if len(suns):
                 maps = maps.instead(DIRECTIONS, _maps_of(self.stood, self.number, suns @ turn.T))
         solid = np.where(np.arange(len(light)) < DIRECTIONS, 4.0 * np.pi / DIRECTIONS, 0.0)

@@ -154,10 +154,15 @@ def _relit(request: RelightRequest, stages: Stages, messages: list[str], notes: 
     if request.animated:
         note, report = writer.film(folders[0], request.fps, request.overwrite)
         return RelitFiles(folders, [report], notes=notes + [note] * bool(note), job=job)
-    reports, left = [], iter(folders)
+    job.begin()
+    reports: list[dict[str, Any]] = []
+    left = iter(folders)
     for light in lights:
         writer = writer if light is lights[0] else writer.under(light)
-        reports += [writer.write(shaded, next(left), request.overwrite) for shaded in writer.job.shaded()]
+        for shaded in writer.job.shaded():
+            if len(reports) + 1 == len(folders):
+                writer.job.let_go(shaded)
+            reports.append(writer.write(shaded, next(left), request.overwrite))
     sheet = writer.write_sheet(folders[0].parent) if request.sheet and len(folders) > 1 else None
     film = None
     if request.day and "png" in writer.job.formats:

@@ -41,6 +41,9 @@ if TYPE_CHECKING:
 OF_ONE_LIGHT = frozenset({"environment", "plan", "lights", "room", "beside"})
 """Stages of a Job that another light does not share."""
 
+OF_SURFACES = frozenset({"glb", "ply", "npy", "png", "splat"})
+"""Formats for which the light of the surfaces is all that is needed."""
+
 
 class Job(KnownScene):
     """A relight request, processed stage by stage. Every stage reads and computes on first use.
@@ -97,6 +100,12 @@ class Job(KnownScene):
         yield self._with_others(Shaded(lights[0], first, exposure))
         for light in lights[1:]:
             yield self._with_others(Shaded(light, self.shading(light), exposure))
+
+    def let_go(self, shaded: Shaded) -> None:
+        """Let go of bounces that are kept, most of the memory, where files need no light but that of the surfaces."""
+        alone = not (self.mixes or self.asked_inserts or self.request.baked) and set(self.formats) <= OF_SURFACES
+        if alone and self.relighter.cache.settings_of("bounces"):
+            self.relighter.precomputed.forget(shaded.shading.settings._replace(bounce_rays=0))
 
     @cached_property
     def inserts(self) -> "Inserts | None":

@@ -1,17 +1,19 @@
 """Facts of a scene before relighting: its surfaces, its captured light, and the part of that which stays."""
 
 import warnings
+from collections.abc import Callable
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from splat2mesh.base.beside import Beside
 from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.render.view import View
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene
-from splat2mesh.splats.cleaning import clean
+from splat2mesh.splats.cleaning import clean, sound
 
 from ..engine.appearance import Appearance, appearance_of, bounced_light
 from ..engine.exposure import level_of
@@ -33,6 +35,7 @@ if TYPE_CHECKING:
     from ..insert.objects import InsertedObject
     from ..splats import Binding
     from ..splats.floor_mirror import FloorMirror
+    from ..texture import Baked
     from .extra_light import ExtraLight
 
 
@@ -93,8 +96,34 @@ class KnownScene(Inputs):
             raise InputError(f"{self.name}: this scene has no splats")
         with self.stages.stage("bind splats"):
             seed = self.request.lighting.seed
-            binding = Binding(self.splats[0], self.scene, seed=seed, cache=self.cache)
+            begun, self._begun_binding = self._begun_binding, None
+            binding = begun.result() if begun else Binding(self.splats[0], self.scene, seed=seed, cache=self.cache)
             return binding.mirroring(self.mirror, self.scene)
+
+    _begun_binding: "Beside[Binding] | None" = None
+
+    texture: "Callable[[], Baked | None] | None" = None
+    """Returns the texture of mesh.glb without captured light; None where it was not begun."""
+
+    def begin(self) -> None:
+        """Begin, beside the work on the light, to read what files need and no light changes.
+
+        Splats that are not bound yet are bound later, by all cores, and damaged ones warn when they are.
+        """
+        self.require("relighter")
+        if not (self.keeps_captured or self.options.opened):
+            self.relighter.precomputed.begin()
+        if self.shows_splats and self.splats is not None:
+            from ..splats import Binding
+
+            splats, scene, cache, seed = self.splats[0], self.scene, self.cache, self.request.lighting.seed
+            if cache is not None and cache.settings_of("binding") and sound(splats).all():
+                self._begun_binding = Beside(lambda: Binding(splats, scene, seed=seed, cache=cache))
+        self.require("appearance")
+        if "glb" in self.formats:
+            from ..texture import own_texture
+
+            self.texture = Beside(own_texture(self.scene, self.appearance)).result
 
     @cached_property
     def mirror(self) -> "FloorMirror | None":

@@ -174,6 +174,7 @@ class Writer:
             job.lamps_shown,
             job.gloss,
             lambda: job.mirror,
+            job.texture,
         )
         live = engines = None
         if splats is not None and {"live", "web"} & set(formats):

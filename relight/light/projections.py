@@ -6,8 +6,8 @@ Canonical lat-long (OpenEXR's definition): row 0 is +y, the centre looks at +z, 
 from collections.abc import Callable
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import map_coordinates
 
 from splat2mesh.base.arrays import Integers, Mask, Radiance
 from splat2mesh.base.sphere import row_solid_angles as row_solid_angles
@@ -134,7 +134,9 @@ def _resample(
         blocks = (stop - start, k, width, k)
         total = weight.reshape(blocks).sum(axis=(1, 3))
         for channel in range(3):
-            values = map_coordinates(image[..., channel], (row - 0.5, column - 0.5), order=1, mode="nearest")
+            values = scipy.ndimage.map_coordinates(
+                image[..., channel], (row - 0.5, column - 0.5), order=1, mode="nearest"
+            )
             result[start:stop, :, channel] = (values * weight).reshape(blocks).sum(axis=(1, 3)) / total
     return result
 

@@ -14,10 +14,8 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter, minimum_filter
-from scipy.sparse import csr_array
-from scipy.spatial import cKDTree
 
 from splat2mesh.base.arrays import Directions, Floats, Indices, Integers, Radiance
 from splat2mesh.base.errors import InputError
@@ -232,7 +230,7 @@ class _Coarse:
         cells = self._cells.copy()
         if excess is not None:
             for color in range(3):
-                less = csr_array((excess[:, color], (row, column)), self._shape)
+                less = scipy.sparse.csr_array((excess[:, color], (row, column)), self._shape)
                 cells[:, color] -= (self._rows @ less @ self._columns.T).toarray().ravel()
         cells = cells.astype(np.float32)
         error = self._full @ cells - self._banded @ (self._project @ cells)
@@ -270,7 +268,7 @@ def _around(brightness: Floats) -> Floats:
     size = 2 * math.ceil(0.5 * _OPENING_DEG / 180.0 * height) + 1
     size = min(size, height, width), min(size, width)
     mode = "nearest", "wrap"
-    return maximum_filter(minimum_filter(brightness, size, mode=mode), size, mode=mode)
+    return scipy.ndimage.maximum_filter(scipy.ndimage.minimum_filter(brightness, size, mode=mode), size, mode=mode)
 
 
 def _spots(row: Indices, column: Indices, excess: Radiance, shape: tuple[int, int], part_energy: float) -> Spots:
@@ -320,7 +318,7 @@ def _suns(spots: Spots, label: Integers) -> tuple[Suns, NDArray[np.float64]]:
     toward, weights, variances = spots
     for _ in range(_LLOYD_ROUNDS):
         centers, _ = _gathered(toward, weights, label)
-        label = np.unique(cKDTree(centers).query(toward)[1], return_inverse=True)[1]
+        label = np.unique(scipy.spatial.cKDTree(centers).query(toward)[1], return_inverse=True)[1]
     directions, gathered = _gathered(toward, weights, label)
     order = np.argsort(-luminance(gathered), kind="stable")
     bright = luminance(weights)

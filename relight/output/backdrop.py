@@ -3,8 +3,8 @@
 from typing import TYPE_CHECKING
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter1d, map_coordinates, spline_filter
 
 from splat2mesh.base.threads import in_batches
 
@@ -102,7 +102,7 @@ def _soft_lookup(environment: "Environment", directions: NDArray) -> NDArray[np.
     column = (0.5 - np.arctan2(x, z) / (2.0 * np.pi)) * width - 0.5 + PADDING
     row = np.clip((0.5 - np.arctan2(y, np.hypot(x, z)) / np.pi) * height - 0.5, 0.0, height - 1.0)
     found = [
-        map_coordinates(splines[..., channel], (row, column), order=3, prefilter=False, mode="nearest")
+        scipy.ndimage.map_coordinates(splines[..., channel], (row, column), order=3, prefilter=False, mode="nearest")
         for channel in range(3)
     ]
     return np.maximum(np.stack(found, axis=-1), 0.0).astype(np.float32)
@@ -110,10 +110,12 @@ def _soft_lookup(environment: "Environment", directions: NDArray) -> NDArray[np.
 
 def _out_of_focus(radiance: NDArray[np.float32]) -> NDArray[np.float32]:
     """Cubic spline coefficients (H, W + 2 PADDING, 3) float32 of the blurred image, repeated across its seam."""
-    soft = gaussian_filter1d(radiance, DEFOCUS, axis=0, mode="nearest")
+    soft = scipy.ndimage.gaussian_filter1d(radiance, DEFOCUS, axis=0, mode="nearest")
     height = len(soft)
     for row in range(height):  # as wide on the sphere in every row
         wide = DEFOCUS / max(np.sin(np.pi * (row + 0.5) / height), 4.0 * DEFOCUS / soft.shape[1])
-        soft[row] = gaussian_filter1d(soft[row], wide, axis=0, mode="wrap")
+        soft[row] = scipy.ndimage.gaussian_filter1d(soft[row], wide, axis=0, mode="wrap")
     soft = np.concatenate([soft[:, -PADDING:], soft, soft[:, :PADDING]], axis=1)
-    return np.stack([spline_filter(soft[..., channel], 3) for channel in range(3)], axis=-1).astype(np.float32)
+    return np.stack([scipy.ndimage.spline_filter(soft[..., channel], 3) for channel in range(3)], axis=-1).astype(
+        np.float32
+    )

@@ -3,9 +3,8 @@
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter, map_coordinates
-from scipy.spatial import cKDTree
 
 from splat2mesh.render.raycaster import RayCaster
 from splat2mesh.views.viewpoints import even_directions
@@ -82,7 +81,7 @@ class Catcher:
         whole = arriving.sum(axis=0)
         lit = np.einsum("kp,kc->pc", self._open.astype(np.float32), arriving)
         share = np.divide(lit, whole, out=np.ones_like(lit), where=whole > 0.0).reshape(SIDE, SIDE, 3)
-        share = gaussian_filter(share, (BLUR, BLUR, 0), mode="nearest")
+        share = scipy.ndimage.gaussian_filter(share, (BLUR, BLUR, 0), mode="nearest")
         return GroundLight(self.height, self._middle, REACH * self._radius, share)
 
     def _arriving(self, environment: "Environment") -> NDArray[np.float32]:
@@ -95,7 +94,7 @@ class Catcher:
         x, y, z = self._directions.T
         c, s = np.cos(turn), np.sin(turn)
         canonical = np.stack([c * x - s * z, y, s * x + c * z], axis=-1)
-        away, nearest = cKDTree(canonical).query(above, SHARED)
+        away, nearest = scipy.spatial.cKDTree(canonical).query(above, SHARED)
         weights = np.maximum(1.0 - away / np.maximum(away[:, -1:] * 1.2, 1e-9), 0.0) ** 2
         weights /= weights.sum(axis=1, keepdims=True)
         arriving = np.zeros((len(self._directions), 3))
@@ -123,7 +122,9 @@ class GroundLight(NamedTuple):
         near, share = np.flatnonzero(fade), np.ones((len(offset), 3), np.float32)
         place = (_gathered(np.clip(offset[near], -1.0, 1.0)) + 1.0) * 0.5 * (SIDE - 1)
         for channel in range(3):
-            found = map_coordinates(self.shares[..., channel], (place[:, 1], place[:, 0]), order=1, mode="nearest")
+            found = scipy.ndimage.map_coordinates(
+                self.shares[..., channel], (place[:, 1], place[:, 0]), order=1, mode="nearest"
+            )
             share[near, channel] = 1.0 - fade[near] * (1.0 - found)
         return share
 

@@ -1,7 +1,9 @@
 """Write the files of one light after another: meshes, splats, textures, a picture. Shared parts are made once."""
 
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
@@ -9,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from splat2mesh.base.beside import Beside
 from splat2mesh.splats.splats import Splats
 
 from ..light.captured import CapturedLight
@@ -17,7 +20,6 @@ from .around_files import AroundFiles
 from .clean_files import CleanFiles
 from .engine_files import EngineFiles
 from .kinds import APART, FILES, SHEET
-from .lamps_glb import PlacedLamps
 from .live_files import LiveFiles
 from .pass_files import PassFiles
 from .relit_splats import RelitSource
@@ -68,13 +70,14 @@ class Results:
         texture_size: int | None = None,
         others: OwnWriters = OwnWriters(),
     ) -> None:
-        self._gloss, self._lamps, self._bound = written.gloss, written.lamps, written.binding
+        self._gloss, self._bound = written.gloss, written.binding
         self._live, self._engines, self._around = others.live, others.engines, others.around
         self._clean, self._passes = others.clean, others.passes
         self._relighter, self._appearance = written.relighter, written.appearance
         self._kinds, self._baked = kinds, baked
         self._splats = None if written.splats is None else written.splats[0]
         self._relit = RelitSource(written)
+        self._lamps = written.lamps
         self._scene, self._stages = self._relighter.scene, self._relighter.stages
         self._textures = SceneTextures(written, self._relit, texture_size)
         self._picture: Any = None
@@ -83,27 +86,40 @@ class Results:
 
     def write(self, folder: Path, shaded: "Shaded") -> tuple[list[str], dict[str, Any]]:
         """Fill an existing folder: (names of the files, further entries of the report)."""
-        light, exposure = shaded.light, shaded.exposure
         pictured = "png" in self._kinds or "splat" in self._kinds  # what is written as a splat is shown too
         kinds = {*self._kinds, "png"} if pictured else self._kinds
         names = [FILES[kind] for kind in FILES if kind in kinds and kind not in APART]
         facts: dict = {}
-        relit = None
-        with self._stages.stage("write"):
+        relit = glb = files = None
+        with ExitStack() as begun:
             if "glb" in self._kinds:
-                extras = {"environment": light.name, "angle_deg": light.rotation_deg}
-                placed = self._lamps(light, exposure)
-                facts["clipped_vertices"] = self._write_glb(folder / FILES["glb"], shaded, extras, placed)
-            if "ply" in self._kinds:
-                mesh_files.write_ply(folder / FILES["ply"], self._scene, shaded.shading.radiance, exposure)
-            if "npy" in self._kinds:
-                mesh_files.write_npy(folder / FILES["npy"], self._scene, shaded.shading.radiance)
-        if self._splats is not None and (
-            pictured or self._around is not None or (self._engines is not None and self._engines.wants_relit)
-        ):
-            relit = self._relit.relit(shaded)
-        if "splat" in self._kinds and relit is not None:
-            names += self._relit.write(folder, relit)
+                facts["clipped_vertices"] = 0
+                glb = begun.enter_context(self._begin_glb(folder / FILES["glb"], shaded))
+            with self._stages.stage("write"):
+                if "ply" in self._kinds:
+                    mesh_files.write_ply(folder / FILES["ply"], self._scene, shaded.shading.radiance, shaded.exposure)
+                if "npy" in self._kinds:
+                    mesh_files.write_npy(folder / FILES["npy"], self._scene, shaded.shading.radiance)
+            if self._splats is not None and (
+                pictured or self._around is not None or (self._engines is not None and self._engines.wants_relit)
+            ):
+                relit = self._relit.relit(shaded)
+            place = len(names)
+            if "splat" in self._kinds and relit is not None:
+                files = begun.enter_context(Beside(partial(self._relit.write, folder, relit)))
+                if shaded.inserted is not None:
+                    files.result()  # objects are added to it
+            self._write_others(folder, shaded, relit, names, facts)
+            if glb is not None:
+                facts["clipped_vertices"] = glb.result()
+            names[place:place] = [] if files is None else files.result()
+        return names, facts
+
+    def _write_others(
+        self, folder: Path, shaded: "Shaded", relit: Splats | None, names: list[str], facts: dict[str, Any]
+    ) -> None:
+        """Write all but the mesh and the splats, and add to the names and the entries of the report."""
+        light, exposure = shaded.light, shaded.exposure
         if shaded.inserted is not None:
             names += self._write_inserted(folder, relit, shaded)
         if self._baked:
@@ -126,22 +142,30 @@ class Results:
             objects = self._live_objects(relit, shaded)
             written, facts["live"] = self._live.write(folder, light, exposure, self._kinds, objects)
             names += written
-        if pictured:
+        if "png" in self._kinds or "splat" in self._kinds:
             with self._stages.stage("preview"):
                 self._last_picture = self._painted(relit, shaded)
                 mesh_files.write_png(folder / FILES["png"], self._last_picture)
             shown = "splat" if relit is not None else "texture" if self._shows_texture else "mesh"
             facts["preview"] = {"shows": shown, "camera": self._picture.camera}
-        return names, facts
 
-    def _write_glb(self, path: Path, shaded: "Shaded", extras: dict[str, Any], placed: PlacedLamps) -> int:
-        """relit.glb, in its texture where the scene has one; the number of vertices that are clipped."""
-        radiance, exposure = shaded.shading.radiance, shaded.exposure
-        if self._textures.shows_vertices:
-            return mesh_files.write_glb(path, self._scene, radiance, exposure, extras, placed)
-        clipped = int((mesh_files.check_radiance(self._scene, radiance) * exposure > 1.0).any(axis=1).sum())
-        self._textures.write_relit(path, shaded, {"clipped_vertices": clipped, **extras}, placed)
-        return clipped
+    def _begin_glb(self, path: Path, shaded: "Shaded") -> Beside[int]:
+        """Begin to write relit.glb beside other work, in its texture where the scene has one: the number of vertices
+        that are clipped."""
+        radiance, exposure, textured = shaded.shading.radiance, shaded.exposure, not self._textures.shows_vertices
+        placed = self._lamps(shaded.light, exposure)
+        extras: dict[str, Any] = {"environment": shaded.light.name, "angle_deg": shaded.light.rotation_deg}
+
+        def write() -> int:
+            with self._stages.stage("write"):
+                if not textured:
+                    return mesh_files.write_glb(path, self._scene, radiance, exposure, extras, placed)
+                exposed = mesh_files.check_radiance(self._scene, radiance) * exposure
+                clipped = int((exposed > 1.0).any(axis=1).sum())
+                self._textures.write_relit(path, shaded, {"clipped_vertices": clipped, **extras}, placed)
+                return clipped
+
+        return Beside(write)
 
     @property
     def _shows_texture(self) -> bool:

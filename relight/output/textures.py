@@ -38,7 +38,7 @@ class SceneTextures:
     def __init__(self, written: WrittenScene, relit: RelitSource, size: int | None) -> None:
         self._relighter, self._appearance, self._gloss = written.relighter, written.appearance, written.gloss
         self._splats = None if written.splats is None else written.splats[0]
-        self._relit, self._size, self._seed = relit, size, written.seed
+        self._relit, self._size, self._seed, self._begun = relit, size, written.seed, written.texture
         self._scene, self._stages = self._relighter.scene, self._relighter.stages
         self._drawn, self._part = Drawn(self._scene), textured_part(self._scene)
 
@@ -108,7 +108,7 @@ class SceneTextures:
         """The texture of mesh.glb, or None."""
         from ..texture import own_texture
 
-        return own_texture(self._scene, self._appearance)()
+        return (self._begun or own_texture(self._scene, self._appearance))()
 
     @cached_property
     def _baked(self) -> "Baked":

@@ -3,8 +3,8 @@
 from functools import lru_cache
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from splat2mesh.base.arrays import Floats, Radiance
 
@@ -48,7 +48,7 @@ def basis(directions: int) -> NDArray[np.float64]:
 def _nearest(directions: int) -> NDArray[np.int64]:
     """Index of the nearest of D directions for every cell in every rotation: (TURNS, cells)."""
     toward = projections.texel_directions(*GRID).reshape(-1, 3)
-    tree = cKDTree(fibonacci_sphere(directions))
+    tree = scipy.spatial.cKDTree(fibonacci_sphere(directions))
     found = []
     for turn in range(TURNS):
         angle = 2.0 * np.pi * turn / TURNS

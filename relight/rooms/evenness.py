@@ -1,8 +1,8 @@
 """Light averaged along the surface, to remove the unevenness of noisy normals and few rays."""
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.sparse import csr_array, diags_array
 
 from ..transfer.neighbors import Neighbors
 from ..transfer.occluder import Occluder
@@ -27,9 +27,11 @@ class Evenness:
         """
         neighbors = Neighbors(occluder.origins, occluder.normals, occluder.faces)
         count = len(neighbors.vertices)
-        rows = csr_array((neighbors.weights.astype(np.float64), neighbors.columns, neighbors.starts), (count, count))
-        rows = rows + OWN * diags_array(np.ones(count)).tocsr()
-        self._blend = diags_array(1.0 / np.asarray(rows.sum(axis=1)).ravel()).tocsr() @ rows
+        rows = scipy.sparse.csr_array(
+            (neighbors.weights.astype(np.float64), neighbors.columns, neighbors.starts), (count, count)
+        )
+        rows = rows + OWN * scipy.sparse.diags_array(np.ones(count)).tocsr()
+        self._blend = scipy.sparse.diags_array(1.0 / np.asarray(rows.sum(axis=1)).ravel()).tocsr() @ rows
         self._vertices, self._node = neighbors.vertices, neighbors.node
 
     def average(self, values: NDArray[np.floating], rounds: int) -> NDArray[np.float32]:

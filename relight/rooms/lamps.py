@@ -7,9 +7,8 @@ is solved for from the surfaces that it lights (`strengths`).
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from splat2mesh.base.arrays import Integers, Mask
 
@@ -112,7 +111,9 @@ def find(
         """Number of the piece that each vertex is of, (V,), -1 for none."""
         white = np.bincount(node, chosen, nodes) > 0
         joined = node[edges[smooth & white[node[edges]].all(axis=1)]]
-        _, label = connected_components(coo_array((np.ones(len(joined)), joined.T), (nodes, nodes)), directed=False)
+        _, label = scipy.sparse.csgraph.connected_components(
+            scipy.sparse.coo_array((np.ones(len(joined)), joined.T), (nodes, nodes)), directed=False
+        )
         return np.where(white[node], label[node], -1)
 
     of_vertex, glow = pieces(clipped), pieces(pale)

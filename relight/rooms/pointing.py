@@ -3,9 +3,8 @@
 from collections.abc import Sequence
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from splat2mesh.base.arrays import Mask
 from splat2mesh.base.errors import InputError
@@ -131,5 +130,7 @@ def _joined(occluder: Occluder, chosen: Mask, seed: int) -> NDArray[np.int64]:
     smooth = np.einsum("ij,ij->i", *(occluder.normals[end] for end in edges.T)) > SMOOTH
     taken = np.bincount(node, chosen, count) > 0
     joined = node[edges[smooth & taken[node[edges]].all(axis=1)]]
-    _, label = connected_components(coo_array((np.ones(len(joined)), joined.T), (count, count)), directed=False)
+    _, label = scipy.sparse.csgraph.connected_components(
+        scipy.sparse.coo_array((np.ones(len(joined)), joined.T), (count, count)), directed=False
+    )
     return np.flatnonzero(taken[node] & (label[node] == label[node[seed]]))

@@ -3,8 +3,8 @@
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from splat2mesh.base.arrays import Directions, Floats, Integers, Radiance
 from splat2mesh.base.sphere import row_solid_angles, texel_directions
@@ -179,11 +179,13 @@ def _mean_above(sky: CapturedSky) -> tuple[NDArray[np.float64], NDArray[np.float
 def _patches(directions: Directions, brought: Floats) -> tuple[Directions, Integers]:
     """Centres (W, 3) of the patches, and the patch of each direction (K, 3). brought: (K,) light of each."""
     cells = fibonacci_sphere(CELLS)
-    cell = cKDTree(cells).query(directions)[1]
+    cell = scipy.spatial.cKDTree(cells).query(directions)[1]
     total = np.bincount(cell, brought, CELLS)
     kept = np.sort(np.argsort(-total, kind="stable")[:MOST_PATCHES])
     kept = kept[total[kept] > 0.0]
-    return cells[kept], cKDTree(cells[kept]).query(directions)[1] if len(kept) else np.zeros(len(directions), int)
+    return cells[kept], scipy.spatial.cKDTree(cells[kept]).query(directions)[1] if len(kept) else np.zeros(
+        len(directions), int
+    )
 
 
 def _free(occluder: Occluder, smooth: Directions, vertices: Integers, directions: Directions) -> NDArray[np.float32]:

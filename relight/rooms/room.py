@@ -4,8 +4,8 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from splat2mesh.base.arrays import Directions, Floats, Mask, Radiance, Transfer
 from splat2mesh.scene.color import luminance, srgb_from_linear
@@ -338,5 +338,5 @@ def _capture_light(sky: CapturedSky | None, patches: Directions, excess: Radianc
         return Environment(np.zeros((HEIGHT, WIDTH, 3), np.float32), "no window")
     directions = projections.texel_directions(HEIGHT, WIDTH).reshape(-1, 3)
     known, unknown = received.sky_parts(sky, directions, image=True)
-    radiance = known + unknown * excess[cKDTree(patches).query(directions)[1]]
+    radiance = known + unknown * excess[scipy.spatial.cKDTree(patches).query(directions)[1]]
     return Environment(radiance.reshape(HEIGHT, WIDTH, 3).astype(np.float32), "windows")

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from splat2mesh.base.arrays import Directions, Faces, Floats, Integers, Points
 from splat2mesh.base.errors import InputError
@@ -18,6 +18,7 @@ from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.splats import Splats
 
 from ..transfer.neighbors import ranked_nodes
+from ..transfer.store import Cache, array_key
 
 NEAREST = 6
 """Nearest vertices to use beside the nearest point of the surface. On a tabletop 1 gains 0.3 dB but follows the noise
@@ -52,8 +53,51 @@ class Surface:
     box.
     """
 
-    def __init__(self, scene: Scene, diagonal: float | None = None) -> None:
-        """diagonal: of the scene that this one is a part of, in the frame of its splats; its own box's without."""
+    def __init__(self, scene: Scene, diagonal: float | None = None, kept: Mapping[str, NDArray[Any]] | None = None):
+        """diagonal: of the scene that this one is a part of, in the frame of its splats; its own box's without. kept:
+        `arrays` of one for the same Scene. Raises InputError or KeyError for what does not fit it."""
+        if kept is None:
+            self._weld(scene)
+        else:
+            self._take(kept, len(scene.vertices))
+        self.used = np.zeros(len(self.points), bool)
+        self.used[self.faces.ravel()] = True
+        used = self.used
+        if diagonal is None:
+            diagonal = float(np.linalg.norm(np.ptp(self.points[used].astype(np.float64), axis=0)))
+        self.diagonal = diagonal
+        self._caster: RayCaster | None = None
+
+    @classmethod
+    def kept_in(cls, cache: Cache, scene: Scene, diagonal: float | None = None) -> "Surface":
+        """That of a Scene, from its Cache where it was kept."""
+        key = array_key(np.asarray(scene.scene_from_splat, np.float64))
+        found = cache.restored(lambda kept: cls(scene, diagonal, kept), "surface", key)
+        if found is None:
+            found = cls(scene, diagonal)
+            arrays = {name: getattr(found, name) for name in ("points", "normals", "faces", "areas")}
+            cache.put("surface", key, **arrays, node=found.node.astype(np.int32))
+        return found
+
+    def _take(self, kept: Mapping[str, NDArray[Any]], vertices: int) -> None:
+        self.points, self.normals, self.faces, self.areas = (
+            kept[name] for name in ("points", "normals", "faces", "areas")
+        )
+        count, node = len(self.points), kept["node"]
+        self.node = node.astype(np.int64)
+        kinds = [(each.dtype, each.shape[1:]) for each in (self.points, self.normals, self.faces, self.areas, node)]
+        plain, rows = np.dtype(np.float32), np.dtype(np.int32)
+        if kinds != [(plain, (3,)), (plain, (3,)), (rows, (3,)), (np.dtype(np.float64), ()), (rows, ())]:
+            raise InputError("a kept surface is of another kind")
+        if not (len(self.normals) == len(self.areas) == count and len(node) == vertices):
+            raise InputError("a kept surface is of another scene")
+        for each in (self.node, self.faces):
+            if each.min(initial=0) < 0 or each.max(initial=-1) >= count:
+                raise InputError("a kept surface has other vertices")
+        if not all(np.isfinite(each).all() for each in (self.points, self.normals, self.areas)):
+            raise InputError("a kept surface is not finite")
+
+    def _weld(self, scene: Scene) -> None:
         vertices, normals = scene.vertices, scene.normals
         content = np.ascontiguousarray(np.hstack([vertices, normals]).astype(np.float32) + np.float32(0.0))
         unique, self.node = _distinct(content)
@@ -69,13 +113,6 @@ class Surface:
         a, b, c = self.points[self.faces.T].astype(np.float64)
         area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 6
         self.areas = np.bincount(self.faces.ravel(), np.repeat(area, 3), len(self.points))
-        self.used = np.zeros(len(self.points), bool)
-        self.used[self.faces.ravel()] = True
-        used = self.used
-        if diagonal is None:
-            diagonal = float(np.linalg.norm(np.ptp(self.points[used].astype(np.float64), axis=0)))
-        self.diagonal = diagonal
-        self._caster: RayCaster | None = None
 
     def of_vertices(self, values: Floats) -> Floats:
         """Values of the vertices (V, C) as values of the nodes (M, C); vertices of a node have the same."""
@@ -151,7 +188,7 @@ class Places:
         self.columns = np.zeros((count, 3 + NEAREST), np.int32)
         self.weights = np.zeros((count, 3 + NEAREST), np.float32)
         self.far = np.zeros(count, np.float32)
-        tree, nearest = cKDTree(surface.points), min(NEAREST, len(surface.points))
+        tree, nearest = scipy.spatial.cKDTree(surface.points), min(NEAREST, len(surface.points))
 
         touching = surface.caster.closest(splats.means)
 
@@ -243,15 +280,23 @@ class Patches(NamedTuple):
 
     def seen_from(self, points: Points) -> NDArray[np.float32]:
         """Means (N, C) float32 by area over the fourth power of distance: far away, the mean of all patches."""
-        from scipy.spatial.distance import cdist
-
         result = np.zeros((len(points), self.values.shape[1]), np.float32)
         for start in range(0, len(points), 4096):
             rows = slice(start, start + 4096)
-            distance = cdist(points[rows].astype(np.float64), self.centers, "sqeuclidean")
+            distance = _squared_distances(points[rows].astype(np.float64), self.centers)
             weights = self.areas / (distance / self.side**2 + 0.25) ** 2
             result[rows] = weights @ self.values / weights.sum(axis=1, keepdims=True)
         return result
+
+
+def _squared_distances(points: NDArray[np.float64], centers: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(N, P) float64 of points (N, 3) and centers (P, 3)."""
+    total = np.zeros((len(points), len(centers)))
+    for axis in range(3):
+        apart = points[:, axis, None] - centers[:, axis]
+        apart *= apart
+        total += apart
+    return total
 
 
 def _normals(splats: Splats) -> tuple[NDArray[np.float32], NDArray[np.float32]]:

@@ -65,7 +65,7 @@ class Binding:
                 stacklevel=2,
             )
         self._captured = linear_from_srgb(scene.colors_srgb.astype(np.float32) / np.float32(255.0))
-        self.surface = Surface(scene, diagonal)
+        self.surface = Surface(scene, diagonal) if cache is None else Surface.kept_in(cache, scene, diagonal)
         self.shown = splats if not unlit else splats.take(self.lit)
         self._near = 0.005 * self.surface.diagonal
         self._mirrored: MirroredPlaces | None = None
@@ -157,8 +157,10 @@ class Binding:
         columns, weights = self.places.columns[self._drawn], self.places.weights[self._drawn]
         return np.bincount(columns.ravel(), weights.ravel(), len(self.surface.points)) > LEAST_USE
 
-    def _asked(self) -> Mask:
-        """(M,) bool: the nodes whose light is used."""
+    def _asked(self) -> Mask | None:
+        """(M,) bool: the nodes whose light is used; None without a volume, where nobody asks."""
+        if not self._volume.any():
+            return None
         asked = np.zeros(len(self.surface.points), bool)
         asked[self.places.columns.ravel()] = True
         if self._looks is not None:

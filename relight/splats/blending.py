@@ -101,7 +101,7 @@ class Blending(NamedTuple):
             seen = np.zeros((end - begin, values.shape[1]), np.float32)
             lists = self.runs, self.items, self.counts, self.pixels, self.shares
             (_gather_rgb if values.shape[1] == 3 else _gather)(last - first, first, *lists, values, seen)
-            _add(self.splats[begin:end], seen, sums)
+            add_to(self.splats[begin:end], seen, sums)
 
 
 Look: TypeAlias = Callable[[int, NDArray[np.float32], NDArray[np.float32]], Mask | None]
@@ -220,7 +220,8 @@ def _gather_rgb(
 
 
 @kernel
-def _add(splats: NDArray[np.int32], seen: NDArray[np.float32], sums: NDArray[np.float32]) -> None:
+def add_to(splats: NDArray[np.int32], seen: NDArray[np.float32], sums: NDArray[np.float32]) -> None:
+    """Add what runs have seen, (R, C), to the sums (N, C) of their Gaussians (R,)."""
     for run in range(len(splats)):
         for c in range(sums.shape[1]):
             sums[splats[run], c] += seen[run, c]

@@ -10,8 +10,8 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from splat2mesh.base.arrays import Faces, Floats, Mask, Points
 from splat2mesh.base.errors import InputError
@@ -117,7 +117,7 @@ def _images(scene: Scene, mirror: FloorMirror, splats: Splats) -> Mask:
     found = scene.vertices @ mirror.normal < mirror.offset - mirror.margin
     rows, below = np.flatnonzero(found), np.flatnonzero(low)
     if len(rows) and len(below):
-        nearest = below[cKDTree(points[below]).query(scene.vertices[rows])[1]]
+        nearest = below[scipy.spatial.cKDTree(points[below]).query(scene.vertices[rows])[1]]
         found[rows] = np.isin(nearest, mirror.rows)
     return np.asarray(found & bool(len(below)))
 

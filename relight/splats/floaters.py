@@ -9,8 +9,8 @@ nearest place where people stand.
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from splat2mesh.base.arrays import Indices, Mask, Points
 from splat2mesh.render.rasterize import rasterize
@@ -132,7 +132,7 @@ def _alone(points: Points, asked: Indices, rows: Indices, reach: NDArray[np.floa
     """Whether fewer than NEIGHBORS others of the points (N, 3), which are of `rows`, lie within reach of some."""
     place = np.searchsorted(rows, asked)
     count = min(NEIGHBORS + 1, len(points))  # each is its own nearest
-    distance = cKDTree(points).query(points[place], count)[0].reshape(len(place), count)
+    distance = scipy.spatial.cKDTree(points).query(points[place], count)[0].reshape(len(place), count)
     return np.asarray(distance[:, -1] > reach) if count > NEIGHBORS else np.ones(len(place), bool)
 
 

@@ -12,8 +12,8 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from splat2mesh.base.arrays import Indices, Points
 from splat2mesh.scene.scene import Scene
@@ -120,7 +120,7 @@ def floor_mirror(splats: Splats, scene: Scene, seed: int = 0, cache: Cache | Non
 
 def _found(splats: Splats, scene: Scene, eyes: Points, seed: int) -> FloorMirror | None:
     """The same without a cache, of a Scene that eyes stand in."""
-    size = float(np.median(cKDTree(eyes).query(scene.vertices)[0]))
+    size = float(np.median(scipy.spatial.cKDTree(eyes).query(scene.vertices)[0]))
     shown = sound(splats)
     points = np.where(shown[:, None], placed(splats, scene), 0.0)
     near = np.linalg.norm((points - np.median(eyes, axis=0))[:, [0, 2]], axis=1) < REACH * size

@@ -16,6 +16,7 @@ from splat2mesh.splats.splats import SH_C0, Splats
 from .attachment import Surface
 from .blend_lists import in_tiles
 from .blending import Blending, blending_of
+from .fit_rounds import FitRounds
 from .light_ratio import CURVE_OFFSET
 from .packed_pixels import packed, unpacked
 
@@ -128,26 +129,20 @@ class Looks(NamedTuple):
         Source: Gilbert, "Iterative methods for the three-dimensional reconstruction of an object from projections"
         (1972): simultaneous iterative reconstruction (SIRT).
         """
-        shown = _shown_colors(before)
-        wanted = self.blending.drawn(shown + np.float32(CURVE_OFFSET))[self.known]
+        shown, wanted = _shown_colors(before), np.empty((len(self.known), 3), np.float32)
 
         def gain(rows: slice) -> None:
             second, third = self.uv[rows].T
             weights = np.stack([1.0 - second - third, second, third], axis=1)
-            wanted[rows] *= np.expm1(np.einsum("nk,nkc->nc", weights, of_nodes[self.corners[rows]]))
+            wanted[rows] = np.expm1(np.einsum("nk,nkc->nc", weights, of_nodes[self.corners[rows]]))
 
         in_batches(gain, len(wanted), _BATCH)
-        pixels, count = AREA * (len(self.blending.runs) - 1), len(relit)
-        error, seen = np.zeros((pixels, 3), np.float32), np.zeros((count, 1), np.float32)
-        known = np.zeros((pixels, 1), np.float32)
-        known[self.known] = 1.0
-        self.blending.spread(known, seen)
+        fit, seen = FitRounds.of(self.blending, self.known), np.zeros((len(relit), 1), np.float32)
+        fit.begin(shown + np.float32(CURVE_OFFSET), wanted, seen)
         moved = np.zeros_like(relit)
         for _ in range(rounds):
-            change = self.blending.drawn(_shown_colors(relit + moved) - shown)
-            error[self.known] = wanted - change[self.known]
-            sums = np.zeros((count, 3), np.float32)
-            self.blending.spread(error, sums)
+            sums = np.zeros_like(relit)
+            fit.spread(_shown_colors(relit + moved) - shown, wanted, sums)
             moved += sums / (seen + CAUTION) / SH_C0
         return moved
 

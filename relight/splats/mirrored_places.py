@@ -4,8 +4,8 @@ from collections.abc import Callable
 from copy import copy
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from splat2mesh.base.arrays import Floats, Indices, Mask
 from splat2mesh.base.errors import InputError
@@ -142,6 +142,6 @@ def seen_at(
     offset: float,
 ) -> NDArray[np.float64]:
     """Where on the floor the nearest eye sees each of means (M, 3), that far below it: (M, 3)."""
-    nearest = eyes[cKDTree(eyes).query(means)[1]]
+    nearest = eyes[scipy.spatial.cKDTree(eyes).query(means)[1]]
     high = nearest @ normal - offset
     return np.asarray(means + (depth / np.maximum(depth + high, 1e-12))[:, None] * (nearest - means))

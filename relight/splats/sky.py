@@ -9,8 +9,8 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial import cKDTree
 
 from splat2mesh.base.arrays import Floats, Indices, Mask, Points, Vector
 from splat2mesh.base.errors import InputError
@@ -114,7 +114,7 @@ def sky_rows(
     strays = others[_like_sky(splats.take(others), backdrop)]
     places = splats.means[strays] @ matrix[:3, :3].T + matrix[:3, 3]
     reach = STRAY * float(np.linalg.norm(np.ptp(vertices, axis=0)))
-    gap = cKDTree(vertices).query(places, distance_upper_bound=reach)[0]
+    gap = scipy.spatial.cKDTree(vertices).query(places, distance_upper_bound=reach)[0]
     return np.concatenate([sky, strays[~np.isfinite(gap)]])
 
 
@@ -143,7 +143,7 @@ def backdrop_of(some: Splats, middle: Vector, up: Vector) -> Backdrop:
 def is_sky(some: Splats, backdrop: Backdrop) -> Mask:
     """Which of far Splats show sky: (N,) bool."""
     off, sky = _seen(some, backdrop.middle, backdrop.up)[0], _like_sky(some, backdrop)
-    around = cKDTree(off).query(off, min(VOTES, len(off)))[1].reshape(len(off), -1)
+    around = scipy.spatial.cKDTree(off).query(off, min(VOTES, len(off)))[1].reshape(len(off), -1)
     return sky[around].mean(axis=1) > 0.5
 
 

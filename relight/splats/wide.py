@@ -5,8 +5,8 @@ neighbourhood face every way, and together they receive the light of a wide phas
 """
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from splat2mesh.base.arrays import Floats, Mask, Points
 from splat2mesh.base.errors import InputError
@@ -40,7 +40,7 @@ class Neighborhoods:
             self.near = self._require_same(near)
         elif count > 1:
             places = points[self._rows].astype(np.float64)
-            tree, asked = cKDTree(places), places[self._asked]
+            tree, asked = scipy.spatial.cKDTree(places), places[self._asked]
 
             def ask(rows: slice) -> None:
                 self.near[rows] = np.sort(tree.query(asked[rows], count)[1], axis=1)  # one order, whatever the tree's

@@ -17,7 +17,7 @@ from splat2mesh.base.progress import Advance
 from splat2mesh.base.threads import in_slices
 
 from . import check_rays, sampling
-from .bounce_rows import FINENESS, SIDE
+from .bounce_rows import FINENESS, LEAST_KEPT, SIDE
 from .facing import is_front
 from .neighbors import ranked_nodes
 from .occluder import Occluder
@@ -95,6 +95,20 @@ class BouncePlaces(NamedTuple):
             raise InputError(f"kept bounces do not fit a mesh of {faces} faces")
         return self
 
+    def thinned(self, step: int) -> "BouncePlaces":
+        """Those of one ray in `step`, as evenly among the hits of each row; rows of few hits keep them all."""
+        if step == 1:
+            return self
+        ends, kept = np.append(0, np.cumsum(self.used, dtype=np.int64)), np.zeros_like(self.used)
+        hits, used = self.hits.copy(), self.used
+        few = used < LEAST_KEPT * step
+        kept[:] = np.where(few, used, (used - step // 2 + step - 1) // step)
+        met = np.rint(hits[self.rows] * (kept / np.maximum(used, 1))).astype(np.int32)  # with their share of the backs
+        hits[self.rows] = np.where(few, hits[self.rows], np.maximum(met, kept))
+        places = np.empty(kept.sum(dtype=np.int64), self.places.dtype)
+        in_slices(_thin, len(used), ends, self.places, np.append(0, np.cumsum(kept, dtype=np.int64)), step, places)
+        return self._replace(hits=hits, used=kept, places=places)
+
 
 def batch_of(rays: int) -> int:
     """Vertices per batch at this number of rays."""
@@ -143,6 +157,25 @@ def _meet(
             found[v, count] = (np.int64(face) * SIDE + second) * SIDE + third
             count += 1
         used[v] = count
+
+
+@kernel
+def _thin(
+    begin: int,
+    end: int,
+    starts: NDArray[np.int64],
+    places: Integers,
+    kept: NDArray[np.int64],
+    step: int,
+    thinned: Integers,
+) -> None:
+    """The places that are kept of each row; all of them where as many are."""
+    for v in range(begin, end):
+        count = kept[v + 1] - kept[v]
+        whole = count == starts[v + 1] - starts[v]
+        first, apart = (0, 1) if whole else (step // 2, step)
+        for i in range(count):
+            thinned[kept[v] + i] = places[starts[v] + first + i * apart]
 
 
 @kernel

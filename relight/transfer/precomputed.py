@@ -1,5 +1,4 @@
-"""Results that depend on the geometry alone: computed on first use, extended rather than repeated, kept between
-runs."""
+"""Results that depend on the geometry alone: computed on first use, extended, not repeated, kept between runs."""
 
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
@@ -39,7 +38,8 @@ if TYPE_CHECKING:
 KEPT_IN_MEMORY = 2  # transfers of different settings: of a million vertices in 8 bands each takes 256 MB
 
 ALIKE = 2
-"""Largest factor of rays up to which existing bounces serve a request for fewer rays: they take little longer."""
+"""Largest factor of rays up to which existing bounces serve a request for fewer. Of more, so many are taken: they are
+as good as those that were asked for, and quicker than all."""
 
 
 class Precomputed:
@@ -109,8 +109,7 @@ class Precomputed:
 
     @property
     def _volumes(self) -> Foliage:
-        """The Foliage, where Settings have a volume: none have one without."""
-        assert self.foliage is not None
+        assert self.foliage is not None  # no Settings have a volume without
         return self.foliage
 
     def _found(self) -> Receivers:
@@ -135,12 +134,17 @@ class Precomputed:
 
         return found
 
+    def begin(self) -> None:
+        """Begin to read the only Interreflection that is kept, beside other work."""
+        kept = self._matrices() if self._shown is None else []
+        if len(kept) == 1 and not self._interreflections:
+            self.cache.begin("bounces", kept[0], self.seed, self.receivers.key)
+
     def _matrices(self) -> list[int]:
         """Numbers of rays of the interreflections, in memory or cached."""
         kept, name = self.cache.settings_of("bounces"), (self.seed, self.receivers.key)
-        return sorted(
-            {*self._interreflections, *(each[0] for each in kept if each[1:] == name and type(each[0]) is int)}
-        )
+        found = {each[0] for each in kept if each[1:] == name and type(each[0]) is int}
+        return sorted(found | self._interreflections.keys())
 
     def transfer(self, settings: Settings) -> tuple[Transfer, Settings]:
         """(transfer (V, K) float32 of at least `settings.bands`, the Settings as done: with the rays and the directions
@@ -170,8 +174,9 @@ class Precomputed:
     def interreflection(self, rays: int, transfer: Transfer) -> Interreflection:
         """The Interreflection of the scene, so many rays per vertex or more; rows complement what `transfer` sees."""
         for there in self._matrices():  # one that is kept may be gone by now: another run keeps one of more rays
-            if there >= rays and (there in self._interreflections or self._matrix_kept(there, transfer)):
-                rays = there
+            found = there if there in self._interreflections else there >= rays and self._kept_as(there, rays, transfer)
+            if found >= rays:
+                rays = found
                 break
         else:
             self._interreflections[rays] = self._matrix(rays, visible_fraction(transfer)), transfer
@@ -181,14 +186,15 @@ class Precomputed:
             self._interreflections[rays] = matrix, transfer
         return matrix
 
-    def _matrix_kept(self, rays: int, transfer: Transfer) -> bool:
-        """Take over the Interreflection that is kept, of so many rays, scaled to a transfer: whether there is one."""
+    def _kept_as(self, rays: int, wanted: int, transfer: Transfer) -> int:
+        """Take over what is wanted of the Interreflection that is kept, of so many rays: how many, 0 without one."""
         receivers, faces, visible = self.receivers, self.scene.faces, visible_fraction(transfer)
+        step = max(rays // (ALIKE * wanted), 1)
 
         def made(kept: Mapping[str, NDArray[Any]]) -> Interreflection:
-            places = BouncePlaces.restored(kept, rays, len(faces), receivers.traced)
-            given = places, rays, self.occluder, visible, receivers, self._neighbors
-            of_rings = "rings", rays, self.seed, receivers.key, array_key(visible)
+            places = BouncePlaces.restored(kept, rays, len(faces), receivers.traced).thinned(step)
+            given = places, rays // step, self.occluder, visible, receivers, self._neighbors
+            of_rings = "rings", f"{rays}by{step}" if step > 1 else rays, self.seed, receivers.key, array_key(visible)
 
             def again(kept: Mapping[str, NDArray[Any]]) -> Interreflection:
                 return Interreflection.of_places(*given, kept["share"])
@@ -203,8 +209,8 @@ class Precomputed:
         with self._stages.stage("bounce rays kept"):
             found = self.cache.restored(made, "bounces", rays, self.seed, receivers.key)
         if found is not None:
-            self._interreflections[rays] = found, transfer
-        return found is not None
+            self._interreflections[rays // step] = found, transfer
+        return 0 if found is None else rays // step
 
     def _matrix(self, rays: int, visible: Floats) -> Interreflection:
         """The Interreflection, traced, and cached instead of those with slightly fewer rays."""

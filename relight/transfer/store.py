@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from splat2mesh.base.beside import Beside
 from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.base.inputs import load_arrays
 from splat2mesh.base.leftovers import sweep
@@ -69,6 +70,7 @@ class Cache:
         if self.folder is not None and os.path.islink(self.folder):
             self.folder = None  # a scene from elsewhere must not have files written to a place that it names
         self._key = f"{VERSION} {geometry}"
+        self._begun: dict[tuple[object, ...], Beside[dict[str, NDArray[Any]] | None]] = {}
         if self.folder is not None and not read_only:
             self._sweep()
 
@@ -79,8 +81,16 @@ class Cache:
             return cls()
         return cls(Path(scene.path) / FOLDER, geometry_key(scene), read_only, len(scene.vertices))
 
+    def begin(self, kind: str, *settings: object) -> None:
+        """Begin to read what is kept under a kind and its settings, beside other work: the next `get` takes it."""
+        if self.folder:
+            path, text = self._path(self.folder, kind, settings), _as_json(settings)
+            self._begun[(kind, *settings)] = Beside(lambda: self._read(path, text))
+
     def get(self, kind: str, *settings: object) -> dict[str, NDArray[Any]] | None:
         """Dict of the arrays kept under a kind and its settings, or None."""
+        if (kind, *settings) in self._begun:
+            return self._begun.pop((kind, *settings)).result()
         return self._read(self._path(self.folder, kind, settings), _as_json(settings)) if self.folder else None
 
     def restored(self, make: Callable[[dict[str, NDArray[Any]]], Made], kind: str, *settings: object) -> Made | None:

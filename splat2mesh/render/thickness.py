@@ -3,8 +3,8 @@
 import math
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import grey_opening
 
 from ..base.arrays import Floats, Matrix4
 from ..scene.optical_depth import MOST, OpticalDepth
@@ -71,7 +71,7 @@ def _grounded(depth: NDArray[np.float32]) -> NDArray[np.float32]:
     occupied = depth > OCCUPIED
     height = depth.shape[1]
     lowest = np.where(occupied.any(axis=1), occupied.argmax(axis=1), height)
-    lowest = grey_opening(lowest, size=(OVERHANG, OVERHANG), mode="nearest")
+    lowest = scipy.ndimage.grey_opening(lowest, size=(OVERHANG, OVERHANG), mode="nearest")
     lowest[lowest >= height] = 0
     below = np.arange(height)[None, :, None] < lowest[:, None, :]
     return np.where(below, np.float32(MOST), depth)

@@ -4,8 +4,8 @@ from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from ..base.arrays import Floats, Indices
 from .color import linear_from_srgb
@@ -81,7 +81,9 @@ class Drawn:
         shown[self._rows] = bool(self._lit.hull)
         hull = np.flatnonzero(~shown)
         points = np.concatenate([mesh.vertices for mesh in self._lit.cards])
-        _, near = cKDTree(self._lit.vertices[hull]).query(points, range(1, min(AROUND, len(hull)) + 1), workers=-1)
+        _, near = scipy.spatial.cKDTree(self._lit.vertices[hull]).query(
+            points, range(1, min(AROUND, len(hull)) + 1), workers=-1
+        )
         return hull[near]
 
     @cached_property

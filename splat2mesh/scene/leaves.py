@@ -4,10 +4,8 @@
 """
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from ..base.arrays import Faces, Floats, Indices, Mask, Points
 from ..base.kernels import kernel
@@ -105,7 +103,9 @@ def _disorder(middles: Floats, across: Floats, areas: Floats, side: float) -> tu
 
 def _clumps(boxes: Indices, held: Indices) -> Indices:
     """The clump of each box, (B,): those side by side among the boxes that are held. boxes: (B, 3) whole numbers."""
-    pairs = cKDTree(boxes[held]).query_pairs(1.8, output_type="ndarray")  # beyond the diagonal of a box, short of two
+    pairs = scipy.spatial.cKDTree(boxes[held]).query_pairs(
+        1.8, output_type="ndarray"
+    )  # beyond the diagonal of a box, short of two
     clumps = np.zeros(len(boxes), np.int64)
     clumps[held] = _connected(pairs, len(held))
     return clumps
@@ -120,7 +120,9 @@ def _pieces(corners: Indices) -> Indices:
 def _connected(edges: Indices, count: int) -> Indices:
     """The number of the connected part that each of `count` nodes is in. edges: (E, 2)."""
     ones = np.ones(len(edges), np.int8)
-    _, part = connected_components(coo_matrix((ones, edges.T), (count, count)), directed=False)
+    _, part = scipy.sparse.csgraph.connected_components(
+        scipy.sparse.coo_matrix((ones, edges.T), (count, count)), directed=False
+    )
     return np.asarray(part, np.int64)
 
 

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from ..base.arrays import ColorsSrgb, Directions, Floats, Indices, Integers, Points, Vector
 from ..base.kernels import kernel
@@ -121,7 +121,7 @@ def filled_in(colors: Floats, points: Points) -> tuple[ColorsSrgb, int]:
     if unseen.all():
         colors = np.full_like(colors, GREY)
     elif unseen.any():
-        nearest = cKDTree(points[~unseen]).query(points[unseen])[1]
+        nearest = scipy.spatial.cKDTree(points[~unseen]).query(points[unseen])[1]
         colors = colors.copy()
         colors[unseen] = colors[~unseen][nearest]
     return np.round(colors).astype(np.uint8), int(unseen.sum())

@@ -1,7 +1,7 @@
 """Cards: small quads in place of leaves, each the two long axes of a Gaussian, in its colour."""
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 from ..base.arrays import Floats, Indices, Points
 from ..scene.color import bytes_from_unit
@@ -30,10 +30,10 @@ def leaf_splats(splats: Splats, surface: Points, hull: Mesh, diagonal: float) ->
     """
     opaque = np.flatnonzero(splats.opacities > OPAQUE)
     points = splats.means[opaque]
-    to_hull, _ = cKDTree(hull.vertices).query(points, workers=-1)
+    to_hull, _ = scipy.spatial.cKDTree(hull.vertices).query(points, workers=-1)
     to_mesh = np.full(len(points), np.inf)
     if len(surface):
-        to_mesh, _ = cKDTree(surface).query(points, workers=-1)
+        to_mesh, _ = scipy.spatial.cKDTree(surface).query(points, workers=-1)
     return opaque[(to_hull <= to_mesh) & (to_hull < REACH * diagonal)]
 
 
@@ -56,7 +56,7 @@ def cards(splats: Splats, hull: Mesh, budget: int) -> tuple[Mesh, float]:
     lengths = np.take_along_axis(some.scales.astype(np.float64), order, axis=1)
     first, second = (axes[:, :, k] * (half * lengths[:, k])[:, None] for k in (0, 1))
     normals = np.cross(axes[:, :, 0], axes[:, :, 1])
-    _, near = cKDTree(hull.vertices).query(some.means, workers=-1)
+    _, near = scipy.spatial.cKDTree(hull.vertices).query(some.means, workers=-1)
     inward = (normals * hull.normals[near]).sum(axis=1) < 0.0
     normals[inward] *= -1.0
     second[inward] *= -1.0

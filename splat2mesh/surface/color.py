@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 from ..base.arrays import ColorsSrgb, DepthMap, Directions, Floats, Indices, Points
 from ..render.view import View
@@ -49,7 +49,7 @@ def vertex_colors(vertices: Points, normals: Directions, pictures: Sequence[Rend
     colors = np.full((len(vertices), 3), 128, np.uint8)
     colors[seen] = np.round(total[seen] / weights[seen, None]).astype(np.uint8)
     if seen.any() and not seen.all():
-        colors[~seen] = colors[seen][cKDTree(vertices[seen]).query(vertices[~seen])[1]]
+        colors[~seen] = colors[seen][scipy.spatial.cKDTree(vertices[seen]).query(vertices[~seen])[1]]
     return colors, int((~seen).sum())
 
 

@@ -1,7 +1,7 @@
 """Fairing: removes the noise of the depth maps from a mesh, most where the surface was seen least sharply."""
 
 import numpy as np
-from scipy.sparse import csr_matrix, diags_array, eye_array
+import scipy
 
 from ..base.arrays import Faces, Floats, Mask, Points
 
@@ -41,14 +41,14 @@ def fair(
     trust = 1.0 / (LEAST_THICKNESS + np.minimum(thickness, MOST_THICKNESS)) ** 2
     if fixed is not None:
         trust[fixed] = HELD
-    system = (diags_array(trust) + bending).tocsr()
+    system = (scipy.sparse.diags_array(trust) + bending).tocsr()
     faired = points + _solved(system, -(bending @ points))
     if fixed is not None:
         faired[fixed] = points[fixed]
     return faired
 
 
-def _solved(system: csr_matrix, right: Floats) -> Floats:
+def _solved(system: "scipy.sparse.csr_matrix", right: Floats) -> Floats:
     """(V, 3) solution of a positive definite system for three right sides, by conjugate gradients with the diagonal as
     preconditioner. Products are summed by einsum: those of BLAS depend on how many threads it has."""
     inverse = (1.0 / system.diagonal())[:, None]
@@ -75,15 +75,15 @@ def _products(a: Floats, b: Floats) -> Floats:
     return np.einsum("ij,ij->j", a, b)
 
 
-def _laplacian(faces: Faces, count: int) -> csr_matrix:
+def _laplacian(faces: Faces, count: int) -> "scipy.sparse.csr_matrix":
     """(V, V) sparse: a vertex less the mean of its neighbours; rows of border vertices are 0."""
     corners = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     ends = np.concatenate([corners, corners[:, ::-1]])
-    uses = csr_matrix((np.ones(len(ends)), ends.T), (count, count))
+    uses = scipy.sparse.csr_matrix((np.ones(len(ends)), ends.T), (count, count))
     uses.sum_duplicates()
     inner = np.ones(count)
     inner[np.diff(uses.indptr) == 0] = 0.0  # in no face: it would be drawn to the origin
     inner[np.repeat(np.arange(count), np.diff(uses.indptr))[uses.data == 1]] = 0.0
-    neighbors = csr_matrix((np.ones_like(uses.data), uses.indices, uses.indptr), uses.shape)
-    mean = diags_array(inner / np.maximum(np.diff(uses.indptr), 1)) @ neighbors
-    return (diags_array(inner) @ eye_array(count) - mean).tocsr()
+    neighbors = scipy.sparse.csr_matrix((np.ones_like(uses.data), uses.indices, uses.indptr), uses.shape)
+    mean = scipy.sparse.diags_array(inner / np.maximum(np.diff(uses.indptr), 1)) @ neighbors
+    return (scipy.sparse.diags_array(inner) @ scipy.sparse.eye_array(count) - mean).tocsr()

@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.spatial import cKDTree
 
 from ..base.arrays import Floats, Integers, Mask, Matrix4, Points
 from ..render.thickness import optical_depth
@@ -82,5 +82,5 @@ def is_shell(points: Points, splats: Splats, volume: Floats) -> bool:
     if not leafy.any() or not len(points):
         return True
     diagonal = float(np.linalg.norm(np.ptp(points, axis=0)))
-    depth, _ = cKDTree(points).query(splats.means[leafy], workers=-1)
+    depth, _ = scipy.spatial.cKDTree(points).query(splats.means[leafy], workers=-1)
     return bool(np.percentile(depth, SHELL_SHARE) < SHELL * diagonal)

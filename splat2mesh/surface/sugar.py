@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 from ..base.arrays import Directions, Floats, Integers, Points
 from ..base.errors import InputError
@@ -51,7 +51,7 @@ class DensityField:
     def __init__(self, splats: Splats) -> None:
         self._origin = splats.means.mean(axis=0, dtype=np.float64)
         self._means = (splats.means - self._origin).astype(np.float32)
-        self._tree = cKDTree(self._means)
+        self._tree = scipy.spatial.cKDTree(self._means)
         self._rotations = splats.rotation_matrices().astype(np.float32)
         self._scales = np.maximum(splats.scales, splats.scales.max(axis=1, keepdims=True) * 1e-3).astype(np.float32)
         self._opacities = splats.opacities.astype(np.float32)

@@ -5,8 +5,8 @@ among the nearest neighbours: the thickness of their cloud, and the disagreement
 """
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from ..base.arrays import Floats, Indices, Points
 from ..splats.splats import Splats
@@ -38,12 +38,12 @@ def splat_volume(splats: Splats) -> NDArray[np.float32]:
         return result
     anchors = solid[:: max(1, len(solid) // ANCHORS)]
     means = splats.means[anchors].astype(np.float64)
-    _, near = cKDTree(means).query(means, NEIGHBORS + 1, workers=-1)
+    _, near = scipy.spatial.cKDTree(means).query(means, NEIGHBORS + 1, workers=-1)
     near = np.sort(near, axis=1)  # sums in one order, whatever the tree's
     measured = _measured(means, *_axes(splats.take(anchors)), near)
     # One splat alone decides nothing: the median of the neighbourhood.
     measured = np.median(measured[near], axis=1).astype(np.float32)
-    _, nearest = cKDTree(means).query(splats.means, workers=-1)
+    _, nearest = scipy.spatial.cKDTree(means).query(splats.means, workers=-1)
     return measured[nearest]
 
 
@@ -52,7 +52,7 @@ def vertex_volume(points: Points, splats: Splats, volume: Floats) -> NDArray[np.
     solid = np.flatnonzero(splats.opacities > SOLID)
     if len(solid) < 4:
         return np.zeros(len(points), np.float32)
-    _, near = cKDTree(splats.means[solid]).query(points, 4, workers=-1)
+    _, near = scipy.spatial.cKDTree(splats.means[solid]).query(points, 4, workers=-1)
     return np.median(volume[solid][near], axis=1).astype(np.float32)
 
 

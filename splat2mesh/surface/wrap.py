@@ -1,8 +1,8 @@
 """A closed surface around a mesh: the level set of its distance, at one voxel, with unreachable cavities filled."""
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from ..base.arrays import Floats, Integers, Points, Vector
 from ..base.errors import InputError
@@ -45,7 +45,7 @@ def closed_around(
     low = vertices.min(axis=0).astype(np.float64) - PADDING * voxel
     size = np.ceil(np.ptp(vertices.astype(np.float64), axis=0) / voxel).astype(int) + 2 * PADDING + 1
     field = _distances(RayCaster(vertices, faces), low, size, voxel) - MARGIN
-    labels, _ = ndimage.label(field > 0.0)
+    labels, _ = scipy.ndimage.label(field > 0.0)
     reached = {int(labels[0, 0, 0])} | _labels_at(eyes, labels, low, voxel)
     outside = np.isin(labels, sorted(reached - {0}))
     field[~outside & (field > 0.0)] = -MARGIN

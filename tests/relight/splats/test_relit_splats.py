@@ -4,6 +4,7 @@ from coloured_ball import TILT, ball_splats, irradiances, sphere_scene
 from scipy.spatial import cKDTree
 
 from relight.splats import Binding, relit
+from relight.splats.attachment import Surface
 from relight.splats.light_ratio import BURNING, CURVE_POWER, Usual, log_gain, without_clipping
 from relight.transfer.store import Cache
 from splat2mesh.base.errors import DataWarning, InputError
@@ -358,6 +359,23 @@ def test_a_kept_binding_relights_to_the_same_bits(ball, tmp_path):
         counts.append(len(looked))
     np.testing.assert_array_equal(results[0], results[1])
     assert 0 < counts[0] == counts[1] < counts[2]  # the second time uses the cache; other splats are bound anew
+
+
+def test_a_kept_surface_is_the_welded_one_and_another_is_welded_anew(ball, tmp_path):
+    scene, cache, welded = ball[0], Cache(tmp_path / "cache", "geometry"), Surface(ball[0])
+    Surface.kept_in(cache, scene)
+    (path,) = (tmp_path / "cache").glob("surface-*")
+    names = "points", "normals", "node", "faces", "areas", "used"
+    with np.load(path) as file:
+        arrays = dict(file)
+    for broken in ({}, {"faces": arrays["faces"] + 1}, {"node": arrays["node"][1:]}, {"areas": arrays["normals"]}):
+        with open(path, "wb") as file:
+            np.savez(file, **arrays | broken)
+        found = Surface.kept_in(cache, scene)
+        assert found.diagonal == welded.diagonal
+        for name in names:
+            np.testing.assert_array_equal(getattr(found, name), getattr(welded, name))
+            assert getattr(found, name).dtype == getattr(welded, name).dtype
 
 
 def test_shading_once_more_is_relighting_in_the_product_of_both(ball):

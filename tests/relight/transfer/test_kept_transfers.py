@@ -241,7 +241,8 @@ def test_bounces_of_twice_the_rays_take_the_place_of_others(folder, noon):
     assert kept_after(64) == [64]
     assert kept_after(256) == [64, 256]  # to read the larger one for the smaller would take longer
     assert kept_after(128) == [64, 256]
-    assert opened(folder, rays=16).interreflection(128).rays == 256
+    assert [opened(folder, rays=16).interreflection(rays).rays for rays in (128, 64, 16)] == [256, 64, 32]
+    assert opened(folder, rays=16).interreflection(100).rays == 256
     cache.drop("bounces", 256, 0, "every")
     assert kept_after(128) == [128]
 

@@ -28,6 +28,19 @@ def test_arrays_come_back_as_they_were(tmp_path):
         assert kept.get(*other) is None
 
 
+def test_what_is_begun_comes_as_what_is_read_at_once_and_is_read_once(tmp_path):
+    kept = Cache(tmp_path / "cache", "geometry")
+    kept.put("transfer", 1, **ARRAYS)
+    kept.begin("transfer", 1)
+    kept.begin("transfer", 2)
+    found = kept.get("transfer", 1)
+    np.testing.assert_array_equal(found["values"], ARRAYS["values"])
+    assert kept.get("transfer", 2) is None
+    kept.drop("transfer", 1)
+    assert kept.get("transfer", 1) is None  # nothing of what was begun is left
+    Cache().begin("transfer", 1)
+
+
 def test_without_a_folder_nothing_is_kept(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     nowhere = Cache()

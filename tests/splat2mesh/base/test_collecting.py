@@ -1,4 +1,4 @@
-"""The collector of cycles rests while a kernel compiles, and only then."""
+"""The collector of cycles rests while a kernel compiles and while a command imports, and only then."""
 
 import gc
 
@@ -6,7 +6,7 @@ import numba
 import pytest
 from numba.core import event
 
-from splat2mesh.base.collecting import compile_without_collector
+from splat2mesh.base.collecting import compile_without_collector, import_without_collector
 
 
 class Watch(event.Listener):
@@ -52,3 +52,16 @@ def test_who_turned_it_off_finds_it_off(watch):
     gc.disable()
     numba.njit(lambda x: x + 3)(1)
     assert not gc.isenabled()
+
+
+def test_it_rests_while_a_command_imports_and_then_works_again_also_after_an_error():
+    with pytest.raises(ImportError), import_without_collector():
+        assert not gc.isenabled()
+        raise ImportError("no such module")
+    assert gc.isenabled()
+    gc.disable()
+    with import_without_collector():
+        pass
+    assert not gc.isenabled()
+    gc.enable()
+    gc.unfreeze()
