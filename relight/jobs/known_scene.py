@@ -33,9 +33,9 @@ if TYPE_CHECKING:
     from ..gloss import SceneGloss
     from ..insert.asked import AskedInsert
     from ..insert.objects import InsertedObject
-    from ..output.relit_texture import RelitTexture
     from ..splats import Binding
     from ..splats.floor_mirror import FloorMirror
+    from ..texture import Baked
     from .extra_light import ExtraLight
 
 
@@ -102,8 +102,8 @@ class KnownScene(Inputs):
 
     _begun_binding: "Beside[Binding] | None" = None
 
-    texture: "Callable[[], RelitTexture | None] | None" = None
-    """Returns the RelitTexture of the scene; None where it was not begun."""
+    texture: "Callable[[], Baked | None] | None" = None
+    """Returns the texture of the scene's mesh.glb; None where it was not begun."""
 
     def begin(self) -> None:
         """Begin, beside the work on the light, to read what files need and no light changes.
@@ -119,11 +119,11 @@ class KnownScene(Inputs):
             splats, scene, cache, seed = self.splats[0], self.scene, self.cache, self.request.lighting.seed
             if cache is not None and cache.settings_of("binding") and sound(splats).all():
                 self._begun_binding = Beside(lambda: Binding(splats, scene, seed=seed, cache=cache))
-        self.require("appearance")
-        if "glb" in self.formats:
-            from ..output.relit_texture import RelitTexture
+        look = self.appearance
+        if "glb" in self.formats and (look.prior is not None or look.albedo is look.captured):
+            from ..texture import own_texture
 
-            self.texture = RelitTexture.begun(self.scene, self.appearance)
+            self.texture = Beside(own_texture(self.scene, look)).result
 
     @cached_property
     def mirror(self) -> "FloorMirror | None":

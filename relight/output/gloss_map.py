@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.scene.glb import Glb, matt_white
+from splat2mesh.texture.glb import CLAMP, LINEAR
 
-from .textured_files import CLAMP, LINEAR, png_bytes
+from .textured_files import png_bytes
 
 _STEPS = 256
 

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.beside import Beside
-from splat2mesh.scene.drawn import Drawn
 from splat2mesh.splats.splats import Splats
 
 from ..light.captured import CapturedLight
@@ -21,11 +20,12 @@ from .around_files import AroundFiles
 from .clean_files import CleanFiles
 from .engine_files import EngineFiles
 from .kinds import APART, FILES, SHEET
+from .lamps_glb import PlacedLamps
 from .live_files import LiveFiles
 from .pass_files import PassFiles
-from .relit_glb import RelitGlb
 from .relit_splats import RelitSource
 from .subject import WrittenScene
+from .textures import SceneTextures
 
 if TYPE_CHECKING:
     from ..engine.relighter import Shaded
@@ -71,22 +71,18 @@ class Results:
         texture_size: int | None = None,
         others: OwnWriters = OwnWriters(),
     ) -> None:
-        self._gloss, self._bound = written.gloss, written.binding
+        self._gloss, self._lamps, self._bound = written.gloss, written.lamps, written.binding
         self._live, self._engines, self._around = others.live, others.engines, others.around
         self._clean, self._passes = others.clean, others.passes
         self._relighter, self._appearance = written.relighter, written.appearance
         self._kinds, self._baked = kinds, baked
         self._splats = None if written.splats is None else written.splats[0]
         self._relit = RelitSource(written)
-        self._glb = RelitGlb(written, self._relit)
-        self._texture_size, self._seed = texture_size, written.seed
         self._scene, self._stages = self._relighter.scene, self._relighter.stages
-        self._drawn = Drawn(self._scene)
-        self._skin = Drawn.surfaces(self._scene)
+        self._textures = SceneTextures(written, self._relit, texture_size)
         self._picture: Any = None
         self._last_picture: NDArray[np.uint8] | None = None
         self._on_sheet: list[tuple[str, NDArray[np.uint8]]] = []
-        self._texture: Any = None
 
     def write(self, folder: Path, shaded: "Shaded") -> tuple[list[str], dict[str, Any]]:
         """Fill an existing folder: (names of the files, further entries of the report)."""
@@ -98,7 +94,8 @@ class Results:
         with ExitStack() as begun:
             if "glb" in self._kinds:
                 facts["clipped_vertices"] = 0
-                glb = begun.enter_context(self._glb.begin(folder / FILES["glb"], shaded))
+                placed = self._lamps(shaded.light, shaded.exposure)
+                glb = begun.enter_context(Beside(partial(self._write_glb, folder / FILES["glb"], shaded, placed)))
             with self._stages.stage("write"):
                 if "ply" in self._kinds:
                     mesh_files.write_ply(folder / FILES["ply"], self._scene, shaded.shading.radiance, shaded.exposure)
@@ -127,7 +124,8 @@ class Results:
         if shaded.inserted is not None:
             names += self._write_inserted(folder, relit, shaded)
         if self._baked:
-            names += self._write_textures(folder, shaded, facts)
+            written, facts["texture"] = self._textures.write_baked(folder, shaded, self._baked)
+            names += written
         if self._engines is not None:
             names += self._engines.write(folder, light, exposure, relit, self._bound, shaded.backdrop)
         if self._around is not None and relit is not None:
@@ -149,8 +147,24 @@ class Results:
             with self._stages.stage("preview"):
                 self._last_picture = self._painted(relit, shaded)
                 mesh_files.write_png(folder / FILES["png"], self._last_picture)
-            shown = "splat" if relit is not None else "mesh" if self._texture is None else "texture"
+            shown = "splat" if relit is not None else "texture" if self._shows_texture else "mesh"
             facts["preview"] = {"shows": shown, "camera": self._picture.camera}
+
+    def _write_glb(self, path: Path, shaded: "Shaded", placed: PlacedLamps) -> int:
+        """relit.glb, in its texture where the scene has one; the number of vertices that are clipped."""
+        radiance, exposure, light = shaded.shading.radiance, shaded.exposure, shaded.light
+        extras = {"environment": light.name, "angle_deg": light.rotation_deg}
+        with self._stages.stage("write"):
+            if self._textures.shows_vertices:
+                return mesh_files.write_glb(path, self._scene, radiance, exposure, extras, placed)
+            clipped = int((mesh_files.check_radiance(self._scene, radiance) * exposure > 1.0).any(axis=1).sum())
+            self._textures.write_relit(path, shaded, {"clipped_vertices": clipped, **extras}, placed)
+            return clipped
+
+    @property
+    def _shows_texture(self) -> bool:
+        """Whether pictures of the mesh show the texture of --bake."""
+        return bool(self._baked) and self._textures.is_whole
 
     def _write_inserted(self, folder: Path, relit: Splats | None, shaded: "Shaded") -> list[str]:
         """Write the lit inserted objects, and a picture of them in the scene: names of the files."""
@@ -238,8 +252,8 @@ class Results:
         self._picture = self._picture or RelitPicture(self._scene, None, *PICTURE_SIZE)
         if relit is not None:
             return self._of_splats(self._picture, relit, shaded)
-        if self._texture is not None:
-            return self._picture.of_texture(self._texture.atlas, self._relit_texture(shaded), light, behind)
+        if self._shows_texture:
+            return self._picture.of_texture(*self._textures.painter(shaded), light, behind)
         return self._picture.of_vertices(shaded.shading.radiance, light, exposure)
 
     def add_to_sheet(self, shaded: "Shaded") -> None:
@@ -280,67 +294,9 @@ class Results:
             found.append((BEFORE[1], self._picture.of_splats(self._bound().relit(look.irradiance, white), None, 1.0)))
         return found
 
-    def _baked_or_kept(self, known: dict[str, Any]) -> Any:
-        """The texture, from the cache if it was baked before. known: the arguments of `bake` for the light."""
-        from ..texture import Baked, KnownColors, bake
-        from ..transfer.store import array_key
-
-        cache = self._relighter.cache
-        settings = repr((self._texture_size, self._seed, self._scene.source.get("sha256"), sorted(known)))
-        text = np.frombuffer(settings.encode(), np.uint8)
-        values = [np.asarray(known[name], np.float32) if known[name] is not None else None for name in sorted(known)]
-        key = array_key(text, self._skin.scene.colors_srgb, *values)
-        kept = cache.get("texels", key)
-        if kept is not None:
-            return Baked.of_arrays(kept)
-        more: dict[str, Any] = {"size": self._texture_size, "stages": self._stages, "seed": self._seed}
-        made = bake(self._skin.scene, self._splats, KnownColors(**known), **more)
-        cache.put("texels", key, **made.arrays())
-        return made
-
     def relit_splats(self, shaded: "Shaded") -> Splats:
         """The splats in the new light, row by row those of the source, in its frame."""
         return self._relit.relit(shaded)
-
-    def _write_textures(
-        self,
-        folder: Path,
-        shaded: "Shaded",
-        facts: dict[str, Any],  # receives their entries of the report
-    ) -> list[str]:
-        """Write textured meshes, relit and as albedo, and on request the transfer. Returns the names of the files."""
-        from .textured_files import write_textured_glb, write_transfer
-
-        appearance = self._appearance
-        white = np.ones_like(appearance.captured)
-        if self._texture is None:
-            before = appearance.irradiance
-            known = {"irradiance": None if before is None else self._skin.values(before), "prior": appearance.prior}
-            if appearance.prior is None:  # nothing was estimated: the texels take the albedo of the vertices
-                known = {"albedo": self._skin.values(white if appearance.albedo is None else appearance.albedo)}
-                known = {} if appearance.albedo is appearance.captured else known
-            self._texture = self._baked_or_kept(known)
-        names = ["relit_texture.glb", "albedo_texture.glb"]
-        facts["texture"] = {"size": self._texture.atlas.size, "unseen_texels": self._texture.unseen}
-        with self._stages.stage("write"):
-            light = shaded.light
-            extras = {"environment": light.name, "angle_deg": light.rotation_deg, "exposure": shaded.exposure}
-            picture = self._relit_texture(shaded)
-            skin, cards = self._skin, self._drawn.cards_in(shaded.shading.radiance * np.float32(shaded.exposure))
-            write_textured_glb(folder / names[0], skin.scene, self._texture, picture, True, extras, cards=cards)
-            albedo = self._texture.image(self._texture.albedo)
-            gloss = None if self._gloss is None else self._gloss.roughness(appearance)
-            gloss = None if gloss is None else skin.values(gloss)
-            cards = self._drawn.cards_in(white if appearance.albedo is None else appearance.albedo)
-            write_textured_glb(folder / names[1], skin.scene, self._texture, albedo, False, gloss=gloss, cards=cards)
-            if "transfer" in self._baked:
-                names += write_transfer(folder, self._texture, skin.values(self._relighter.transfer))
-        return names
-
-    def _relit_texture(self, shaded: "Shaded") -> NDArray[np.uint8]:
-        """The texture under a light, (size, size, 3) uint8 sRGB."""
-        exposure = shaded.exposure
-        return self._texture.relit(self._skin.values(self._relit.received(shaded.shading, exposure)), exposure)
 
 
 def _halved(image: NDArray[np.uint8]) -> NDArray[np.uint8]:

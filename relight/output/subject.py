@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from ..gloss import SceneGloss
     from ..light.environment import Environment
     from ..splats.floor_mirror import FloorMirror
-    from .relit_texture import RelitTexture
+    from ..texture import Baked
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +26,7 @@ class WrittenScene:
     called where splats are. sky: of `splats.SKIES`, for the far background of splats; "keep" keeps that of an albedo
     splat as captured, else it is hidden. seed: of all that is sampled. lamps: function of a light and its exposure:
     what was added to it. gloss: None where gloss stays as captured. mirror: returns the FloorMirror of the splats, or
-    None. texture: returns the RelitTexture of the scene, or None; made when it is needed without.
+    None. texture: returns the texture of mesh.glb, or None; it is made when it is needed without.
     """
 
     relighter: "Relighter"
@@ -38,4 +38,4 @@ class WrittenScene:
     lamps: Callable[["Environment", float], PlacedLamps] = lambda light, exposure: NO_LAMPS
     gloss: "SceneGloss | None" = None
     mirror: Callable[[], "FloorMirror | None"] = lambda: None
-    texture: Callable[[], "RelitTexture | None"] | None = None
+    texture: Callable[[], "Baked | None"] | None = None

@@ -3,7 +3,7 @@
 import io
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.outputs import staged_file
 from splat2mesh.base.strictjson import text_of
-from splat2mesh.scene.glb import Glb
-from splat2mesh.texture.glb import add_cards
+from splat2mesh.texture.glb import add_cards, textured_glb
 
-from .mesh_files import unit_normals
+from .lamps_glb import NO_LAMPS, PlacedLamps, add_lamps
 
 if TYPE_CHECKING:
     from splat2mesh.scene.mesh import Mesh
@@ -27,53 +26,28 @@ TRANSFER_BANDS = 3
 """Bands of the transfer in images: nine numbers in three RGB pictures. An unshadowed diffuse surface gets 1% of its
 brightness from higher bands (Ramamoorthi, Hanrahan 2001); what shadows add in them is lost."""
 
-CLAMP, LINEAR, LINEAR_MIPMAP = 33071, 9729, 9987
-
 
 def write_textured_glb(
     path: str | Path,
     scene: "Scene",
     baked: "Baked",
-    image: NDArray,  # (size, size, 3) uint8 sRGB
+    picture: bytes,  # JPEG or PNG of (size, size, 3) sRGB
     unlit: bool = True,  # shown unlit; False: lit by the viewer, as a matt surface
     extras: dict | None = None,  # dict of JSON values, kept in the glTF scene's `extras`
     gloss: NDArray[np.float32] | None = None,  # (V, 2) roughness and metalness of the vertices; matt without
-    cards: "Sequence[tuple[Mesh, NDArray[np.float32]]]" = (),  # of leaves, with (V, 3) linear colours; no texture
+    others: "Sequence[tuple[Mesh, NDArray[np.float32]]]" = (),  # without a texture, with (V, 3) linear colours
+    lamps: PlacedLamps = NO_LAMPS,
 ) -> None:
-    """Write the scene as binary glTF 2.0: a mesh per chunk with TEXCOORD_0, one material, the picture as PNG inside.
+    """Write the scene as binary glTF 2.0: a mesh per chunk with TEXCOORD_0, one material, the picture inside.
 
     Vertices stand in the order of `baked.atlas`; on seams of the texture there are several of one scene vertex. The
-    same input gives the same bytes. Raises InputError for a picture of another size.
+    same input gives the same bytes.
     """
-    import pygltflib as gltf
-
-    atlas = baked.atlas
-    if image.shape != (atlas.size, atlas.size, 3) or image.dtype != np.uint8:
-        raise InputError(
-            f"the picture must be uint8 of {atlas.size} x {atlas.size} x 3, found {image.dtype} {image.shape}"
-        )
-    file = Glb(
-        extensionsUsed=["KHR_materials_unlit"] if unlit else [],
-        materials=[_material(gltf, unlit, gloss is not None)],
-        samplers=[gltf.Sampler(magFilter=LINEAR, minFilter=LINEAR_MIPMAP, wrapS=CLAMP, wrapT=CLAMP)],
-        textures=[gltf.Texture(sampler=0, source=source) for source in range(1 + (gloss is not None))],
-    )
-    normals, first = unit_normals(scene.normals), 0
-    for index, (chunk, used) in enumerate(zip(scene.chunks, atlas.chunks, strict=True)):
-        rows, faces = atlas.vertex[used.start : used.stop], atlas.faces[first : first + len(chunk.faces)] - used.start
-        first += len(chunk.faces)
-        attributes = {
-            "POSITION": file.positions(scene.vertices[rows]),
-            "NORMAL": file.values(normals[rows]),
-            "TEXCOORD_0": file.values(atlas.uv[used.start : used.stop].astype(np.float32)),
-        }
-        file.mesh(f"chunk_{index:04d}", attributes, indices=file.indices(faces, len(rows)), material=0)
-    view = file.data(png_bytes(image))
-    file.document.images = [gltf.Image(bufferView=view, mimeType="image/png", name="color")]
-    if gloss is not None:
-        view = file.data(png_bytes(_gloss_image(atlas, gloss)))
-        file.document.images.append(gltf.Image(bufferView=view, mimeType="image/png", name="gloss"))
-    add_cards(file, cards, unlit)
+    shine = None if gloss is None else png_bytes(_gloss_image(baked.atlas, gloss))
+    material = "relit" if unlit else "albedo"
+    file = textured_glb(scene, baked.atlas, picture, len(scene.chunks), material, unlit, shine)
+    add_cards(file, others, unlit)
+    add_lamps(file, lamps)
     file.save(path, extras)
 
 
@@ -99,7 +73,7 @@ def write_transfer(
         _write_exr(folder / names[-1], atlas.image(values[:, 3 * index : 3 * index + 3].astype(np.float16)))
     names.append("albedo.png")
     with staged_file(folder / names[-1]) as staging:
-        staging.write_bytes(png_bytes(baked.image(baked.albedo)))
+        staging.write_bytes(png_bytes(baked.relit()))
     facts = {
         "images": names[:TRANSFER_BANDS],
         "albedo": "albedo.png",
@@ -139,17 +113,3 @@ def _gloss_image(atlas: "Atlas", gloss: NDArray[np.float32]) -> NDArray[np.uint8
     values = np.ones((atlas.vertices, 3), np.float32)
     values[:, 1:] = gloss
     return atlas.image(np.rint(255.0 * np.clip(atlas.interpolate(values), 0.0, 1.0)).astype(np.uint8))
-
-
-def _material(gltf: Any, unlit: bool, glossy: bool = False) -> Any:
-    surface = gltf.PbrMetallicRoughness(
-        baseColorTexture=gltf.TextureInfo(index=0), metallicFactor=float(glossy), roughnessFactor=1.0
-    )
-    if glossy:
-        surface.metallicRoughnessTexture = gltf.TextureInfo(index=1)
-    return gltf.Material(
-        name="relit" if unlit else "albedo",
-        pbrMetallicRoughness=surface,
-        doubleSided=True,
-        extensions={"KHR_materials_unlit": {}} if unlit else {},
-    )

@@ -1,4 +1,4 @@
-"""Textures for meshes with few faces: the detail of the splat, without the light of its capture, under any light.
+"""Textures: the detail of the splat on a mesh, without the light of its capture, under any light.
 
 baked = bake(scene, splats, KnownColors(irradiance, prior))
 colors = baked.relit(new_irradiance, exposure)
@@ -7,6 +7,6 @@ colors = baked.relit(new_irradiance, exposure)
 from splat2mesh.texture.atlas import Atlas
 
 from .baking import Baked, KnownColors, bake
-from .unwrap import unwrap
+from .own import known_colors, own_texture
 
-__all__ = ["Atlas", "Baked", "KnownColors", "bake", "unwrap"]
+__all__ = ["Atlas", "Baked", "KnownColors", "bake", "known_colors", "own_texture"]

@@ -78,18 +78,19 @@ def measure(folder, options, report):
         truth = true_albedo(folder, scene) if options.albedo else None
         stages, given = Stages(), KnownColors(light.irradiance, light.prior) if light else KnownColors()
         baked, _, seconds = timed(lambda s=scene, g=given, t=stages: bake(s, splats, g, stages=t))
+        captured_texels = bake(scene, splats) if options.albedo else baked
         shades = {
             "vertex": of_vertices(scene, captured),
-            "texture": of_texture(baked.atlas, baked.image(baked.captured)),
+            "texture": of_texture(baked.atlas, captured_texels.relit()),
         }
         albedos = {}
         if truth is not None:
             albedos = {
                 "vertex": albedo_error(scene, of_vertices(scene, light.albedo), truth),
-                "texture": albedo_error(scene, of_texture(baked.atlas, baked.image(baked.albedo)), truth),
+                "texture": albedo_error(scene, of_texture(baked.atlas, baked.relit()), truth),
             }
         found = psnr(scene, pictures, shades, options.pictures and options.pictures / f"{name}_{count}")
-        texels = {"texels": baked.atlas.size, "unseen": baked.unseen / len(baked.captured), "cpu_s": seconds}
+        texels = {"texels": baked.atlas.size, "unseen": baked.unseen / len(baked.albedo), "cpu_s": seconds}
         for way, figures in {"vertex": {"cpu_s": 0.0}, "texture": texels}.items():
             row = {"scene": name, "faces": len(scene.faces), "colours": way, "psnr": found[way]}
             table.add(**row, **figures, truth=albedos.get(way))

@@ -17,6 +17,11 @@ from .texture import Texture
 
 CLAMP, LINEAR, LINEAR_MIPMAP = 33071, 9729, 9987
 
+UNLIT = "KHR_materials_unlit"
+
+PNG = b"\x89PNG"
+"""Bytes that a PNG begins with."""
+
 QUALITY = 95
 """Quality of the JPEG, with colours as fine as brightness. A PNG of the same picture is four times as large."""
 
@@ -24,28 +29,31 @@ QUALITY = 95
 def textured_glb(
     scene: Scene,
     atlas: Atlas,
-    image: NDArray[np.uint8],  # (size, size, 3) sRGB
+    picture: bytes,  # JPEG or PNG of (size, size, 3) sRGB
     chunks: int,  # the first chunks of `scene` that are drawn under their numbers; those after them are background
     material: str = "captured",
+    unlit: bool = True,  # shown as it is; False: lit by the viewer, as a matt surface
+    gloss: bytes | None = None,  # picture of roughness in green and metalness in blue, which then count
 ) -> Glb:
-    """Make the file of a scene in its texture: unlit, double-sided.
+    """Make the file of a scene in its texture, double-sided.
 
     Vertices stand in the order of the atlas; on seams of the texture there are several of one scene vertex. Where the
     scene has fewer chunks than the atlas, the others are left out.
     """
     import pygltflib as gltf
 
+    pictures = [("color", picture), *([("gloss", gloss)] if gloss else [])]
     surface = gltf.PbrMetallicRoughness(
-        baseColorTexture=gltf.TextureInfo(index=0), metallicFactor=0.0, roughnessFactor=1.0
+        baseColorTexture=gltf.TextureInfo(index=0), metallicFactor=float(bool(gloss)), roughnessFactor=1.0
     )
-    look = gltf.Material(
-        name=material, pbrMetallicRoughness=surface, doubleSided=True, extensions={"KHR_materials_unlit": {}}
-    )
+    if gloss:
+        surface.metallicRoughnessTexture = gltf.TextureInfo(index=1)
+    flat: dict[str, Any] = {UNLIT: {}} if unlit else {}
     file = Glb(
-        extensionsUsed=["KHR_materials_unlit"],
-        materials=[look],
+        extensionsUsed=list(flat),
+        materials=[gltf.Material(name=material, pbrMetallicRoughness=surface, doubleSided=True, extensions=flat)],
         samplers=[gltf.Sampler(magFilter=LINEAR, minFilter=LINEAR_MIPMAP, wrapS=CLAMP, wrapT=CLAMP)],
-        textures=[gltf.Texture(sampler=0, source=0)],
+        textures=[gltf.Texture(sampler=0, source=source) for source in range(len(pictures))],
     )
     normals, first = _unit(scene.normals), 0
     for number, (chunk, used) in enumerate(zip(scene.chunks, atlas.chunks, strict=False)):
@@ -58,8 +66,10 @@ def textured_glb(
         }
         name = f"chunk_{number:04d}" if number < chunks else f"background_{number - chunks:04d}"
         file.mesh(name, attributes, indices=file.indices(faces, len(rows)), material=0)
-    view = file.data(jpeg_bytes(image))
-    file.document.images = [gltf.Image(bufferView=view, mimeType="image/jpeg", name="color")]
+    file.document.images = [
+        gltf.Image(bufferView=file.data(each), mimeType=f"image/{'png' if each[:4] == PNG else 'jpeg'}", name=name)
+        for name, each in pictures
+    ]
     return file
 
 
@@ -73,7 +83,7 @@ def add_cards(file: Glb, cards: Sequence[tuple[Mesh, NDArray[np.float32]]], unli
     if not cards:
         return
     surface = gltf.PbrMetallicRoughness(metallicFactor=0.0, roughnessFactor=1.0)
-    flat: dict[str, Any] = {"KHR_materials_unlit": {}} if unlit else {}
+    flat: dict[str, Any] = {UNLIT: {}} if unlit else {}
     look = gltf.Material(name="cards", pbrMetallicRoughness=surface, doubleSided=True, extensions=flat)
     materials = file.document.materials
     materials.append(look)
@@ -91,7 +101,7 @@ def mesh_glb(texture: Texture, chunks: int, extras: dict[str, Any], cards: Seque
     """Return mesh.glb of a Texture, with cards beside it. chunks: as of `textured_glb`. extras: of the glTF scene."""
     atlas = texture.atlas
     image = filled(atlas.size, atlas.texels, texture.colors)
-    file = textured_glb(texture.scene, atlas, image, chunks)
+    file = textured_glb(texture.scene, atlas, jpeg_bytes(image), chunks)
     bytes_per_unit = np.float32(255.0)
     add_cards(file, [(each, linear_from_srgb(each.colors_srgb.astype(np.float32) / bytes_per_unit)) for each in cards])
     return file.content(extras)

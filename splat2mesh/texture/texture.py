@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from ..base.arrays import ColorsSrgb
 from ..base.progress import Stages
-from ..scene.color import bytes_from_unit
+from ..scene.color import bytes_from_unit, linear_from_srgb, srgb_from_linear
 from ..scene.scene import Scene
 from ..surface.extract import training_pixel
-from .atlas import Atlas, atlas_of, check_size, surface_area, welded
+from .atlas import Atlas, atlas_of, check_size, face_areas, surface_area, welded
 from .charts import GUTTER, charts_of
 from .density import local_pixel
 from .projection import Look, Pictures
@@ -67,20 +67,30 @@ def with_background(scene: Scene) -> Scene:
 
 def texture_of(
     scene: Scene,
-    looks: Sequence[Look],  # what shows it
-    size: int | None = None,  # side in texels; None: as fine as the splats
+    looks: Sequence[Look],  # what shows it; without any, texels have the colours of vertices
+    size: int | None = None,  # side in texels; None: as fine as the splats, without any a texel for half an edge
     stages: Stages | None = None,
+    background: bool = True,
 ) -> Texture:
-    """The Texture of a Scene, from views of its splats. Raises InputError for a size out of range."""
+    """The Texture of a Scene, with or without its background, from views of its splats.
+
+    Raises InputError for a size out of range and a surface without an area.
+    """
     stages = stages or Stages()
-    scene = with_background(scene)
+    scene = with_background(scene) if background else replace(scene, background=[])
     with stages.stage("unwrap"):
         mesh = welded(scene)
         surface_area(mesh)  # there is one
         back = np.linalg.inv(np.asarray(scene.scene_from_splat, np.float64))
         unit = float(np.cbrt(abs(np.linalg.det(back[:3, :3]))))
         points = mesh.nodes[:, :3] @ back[:3, :3].T + back[:3, 3]
-        charts = charts_of(mesh.nodes[:, :3], mesh.corners, unit / local_pixel(looks[0].splats, points, mesh.corners))
+        corners = points[mesh.corners]
+        pixel = (
+            local_pixel(looks[0].splats, points, mesh.corners) if looks else np.full(len(corners), _edge(corners) / 2)
+        )
+        if size is not None:  # the charts fill the square
+            pixel *= min(1.0, np.sqrt((face_areas(points, mesh.corners) / pixel**2).sum()) / check_size(size))
+        charts = charts_of(mesh.nodes[:, :3], mesh.corners, unit / pixel)
         side, packed = SMALLEST_SIZE, None
         while size is None and side < LARGEST_SIZE and packed is None:
             packed = charts.packed(side, LEAST_SCALE)
@@ -88,6 +98,9 @@ def texture_of(
         side = side if size is None else check_size(size)
         uv, scale = packed or charts.packed(side) or (charts.across, 0.0)
         atlas = atlas_of(scene, mesh, uv, charts.faces, side, GUTTER + 0.5)
+    if not looks:
+        shown = atlas.interpolate(linear_from_srgb(scene.colors_srgb / np.float32(255.0)))
+        return Texture(scene, atlas, bytes_from_unit(srgb_from_linear(shown)), 0, scale)
     with stages.stage("texture views"):
         views = [view for look in looks for view in look.views]
         focal = float(np.median([view.fx / max(view.width, view.height) for view in views]))
@@ -97,6 +110,11 @@ def texture_of(
     with stages.stage("texels"):
         colors, unseen = _colors(scene, atlas, pictures, back, COARSE * training_pixel(looks[0].splats))
     return Texture(scene, atlas, colors, unseen, scale)
+
+
+def _edge(corners: NDArray[np.float64]) -> float:
+    """Median length of an edge of faces (F, 3, 3)."""
+    return float(np.median(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)))
 
 
 def _typical_depth(scene: Scene, views: Sequence, back: NDArray[np.float64]) -> float:

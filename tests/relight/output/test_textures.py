@@ -1,7 +1,9 @@
-"""relit.glb in the texture of its scene: as captured in the light of the capture, and linear in a new one."""
+"""relit.glb and --bake in the texture of mesh.glb: as captured in the light of the capture, and linear in a new one."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
+import imageio.v3 as iio
 import numpy as np
 import open3d as o3d
 import pygltflib
@@ -11,7 +13,9 @@ from gltf_check import validator_issues
 
 from relight.cli import main
 from relight.engine.appearance import Appearance
-from relight.output.relit_texture import RelitTexture
+from relight.output.lamps_glb import NO_LAMPS
+from relight.output.subject import WrittenScene
+from relight.output.textures import SceneTextures
 from splat2mesh.base.errors import DataWarning
 from splat2mesh.base.progress import Stages
 from splat2mesh.pipeline import add_texture
@@ -19,6 +23,7 @@ from splat2mesh.render.view import View
 from splat2mesh.scene.color import linear_from_srgb
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene
+from splat2mesh.texture.kept import kept_texture, textured_part
 from splat2mesh.texture.projection import Look
 
 LIMIT = 150
@@ -40,16 +45,25 @@ def folder(tmp_path_factory):
     return path
 
 
-def as_captured(scene):
-    """The Appearance of a scene whose colours are its albedo."""
-    return Appearance(scene.colors_linear, scene.colors_linear, np.ones_like(scene.colors_linear), None)
+def textures_of(scene):
+    """The SceneTextures of a scene whose colours are its albedo."""
+    colors = scene.colors_linear
+    look = Appearance(colors, colors, np.ones_like(colors), None)
+    written = WrittenScene(SimpleNamespace(scene=scene, stages=Stages(), cache=None), look)
+    return SceneTextures(written, SimpleNamespace(received=lambda shading, exposure: shading.received), None)
+
+
+def shaded(scene, exposure=1.0, radiance=None):
+    """A light that gives every vertex of a scene as much as white would send out."""
+    white = np.ones((scene.vertex_count, 3), np.float32)
+    shading = SimpleNamespace(received=white, radiance=white if radiance is None else radiance)
+    return SimpleNamespace(shading=shading, exposure=exposure, light=SimpleNamespace(name="noon", rotation_deg=0.0))
 
 
 def test_light_of_one_shows_the_capture_and_a_quarter_shows_a_quarter(folder):
     scene = Scene.load(folder)
-    texture = RelitTexture.of_scene(scene, as_captured(scene))
-    white = np.ones((scene.vertex_count, 3), np.float32)
-    captured, quarter = texture.image(white, 1.0), texture.image(white, 0.25)
+    textures = textures_of(scene)
+    captured, quarter = textures.picture(shaded(scene)), textures.picture(shaded(scene, 0.25))
     assert captured.shape == (128, 128, 3) and len(np.unique(captured.reshape(-1, 3), axis=0)) > 10
     # Half a byte of sRGB is .0018 at a quarter of the light, and .0008 more is a quarter of the same at all of it.
     expected = 0.25 * linear_from_srgb(captured / np.float32(255))
@@ -58,8 +72,9 @@ def test_light_of_one_shows_the_capture_and_a_quarter_shows_a_quarter(folder):
 
 def test_the_file_is_valid_and_has_the_faces_of_the_scene(folder, tmp_path):
     scene = Scene.load(folder)
-    texture = RelitTexture.of_scene(scene, as_captured(scene))
-    texture.write(tmp_path / "a.glb", np.ones((scene.vertex_count, 3), np.float32), 1.0, {"environment": "noon"})
+    textures = textures_of(scene)
+    assert not textures.shows_vertices
+    textures.write_relit(tmp_path / "a.glb", shaded(scene), {"environment": "noon"}, NO_LAMPS)
     issues = validator_issues(tmp_path / "a.glb")
     assert issues["numErrors"] == issues["numWarnings"] == 0, issues["messages"]
     document = pygltflib.GLTF2().load(tmp_path / "a.glb")
@@ -67,6 +82,38 @@ def test_the_file_is_valid_and_has_the_faces_of_the_scene(folder, tmp_path):
     counts = [document.accessors[mesh.primitives[0].indices].count // 3 for mesh in document.meshes]
     assert counts == [len(chunk.faces) for chunk in scene.chunks]
     assert document.scenes[0].extras == {"exposure": 1.0, "environment": "noon"}
+
+
+def test_baked_files_have_the_texels_of_the_capture(folder, tmp_path):
+    """No second unwrapping: texture coordinates are those of mesh.glb, and the albedo is its picture."""
+    scene = Scene.load(folder)
+    names, facts = textures_of(scene).write_baked(tmp_path, shaded(scene), ("texture",))
+    assert facts == {"size": 128, "unseen_texels": scene.statistics["texels_unseen"]}
+    before = pygltflib.GLTF2().load(folder / "mesh.glb")
+    captured = picture_of(before)
+    for name in names:
+        found = pygltflib.GLTF2().load(tmp_path / name)
+        assert validator_issues(tmp_path / name)["numErrors"] == 0
+        coordinates = [[floats(file, mesh) for mesh in file.meshes] for file in (before, found)]
+        assert all(np.array_equal(*pair) for pair in zip(*coordinates, strict=True)) and len(coordinates[0]) > 1
+        atlas, _ = kept_texture(textured_part(scene), (folder / "mesh.glb").read_bytes())
+        inside = atlas.texels[atlas.inside]
+        # Half floats of albedo are good to 5e-4 of it, less than a step of 255.
+        off = picture_of(found).reshape(-1, 3)[inside].astype(int) - captured.reshape(-1, 3)[inside]
+        assert np.abs(off).max() <= 1
+
+
+def picture_of(document):
+    """The first picture in a glTF document."""
+    view = document.bufferViews[document.images[0].bufferView]
+    return iio.imread(document.binary_blob()[view.byteOffset : view.byteOffset + view.byteLength])
+
+
+def floats(document, mesh):
+    """The texture coordinates of a mesh, as they stand in the file."""
+    accessor = document.accessors[mesh.primitives[0].attributes.TEXCOORD_0]
+    view = document.bufferViews[accessor.bufferView]
+    return np.frombuffer(document.binary_blob(), "<f4", 2 * accessor.count, view.byteOffset)
 
 
 def test_a_changed_scene_keeps_the_texture_of_what_is_left(folder, tmp_path):
@@ -85,16 +132,16 @@ def test_a_changed_scene_keeps_the_texture_of_what_is_left(folder, tmp_path):
         np.full((3, 3), 9, np.uint8),
     )
     changed = replace(scene, chunks=[*chunks, plate], left=tuple(left))
-    texture, whole = (RelitTexture.of_scene(each, as_captured(each)) for each in (changed, scene))
-    white = np.ones((changed.vertex_count, 3), np.float32)
-    pictures = texture.image(white, 1.0), whole.image(np.ones((scene.vertex_count, 3), np.float32), 1.0)
-    shown = np.zeros(texture.size**2, bool)
-    shown[texture._atlas.texels[texture._atlas.inside]] = True
+    texture, whole = textures_of(changed), textures_of(scene)
+    assert whole.is_whole and not texture.is_whole
+    pictures = texture.picture(shaded(changed)), whole.picture(shaded(scene))
+    atlas, shown = texture.painter(shaded(changed))[0], np.zeros(128**2, bool)
+    shown[atlas.texels[atlas.inside]] = True
     for one in (0, 1, 2):
         np.testing.assert_array_equal(*(picture.reshape(-1, 3)[shown, one] for picture in pictures))
-    radiance = white.copy()
+    radiance = np.ones((changed.vertex_count, 3), np.float32)
     radiance[-3:] = 0.5
-    texture.write(tmp_path / "a.glb", white, 1.0, {}, radiance=radiance)
+    texture.write_relit(tmp_path / "a.glb", shaded(changed, radiance=radiance), {}, NO_LAMPS)
     issues = validator_issues(tmp_path / "a.glb")
     assert issues["numErrors"] == issues["numWarnings"] == 0, issues["messages"]
     document = pygltflib.GLTF2().load(tmp_path / "a.glb")
@@ -115,10 +162,10 @@ def test_a_changed_file_is_left_alone_with_a_warning(folder):
     scene = Scene.load(folder)
     scene.statistics["texture_sha256"] = "0" * 64
     with pytest.warns(DataWarning, match="not as splat2mesh wrote it"):
-        assert RelitTexture.of_scene(scene, as_captured(scene)) is None
+        assert textures_of(scene).shows_vertices
 
 
 def test_without_one_there_is_none(folder):
     scene = Scene.load(folder)
     del scene.statistics["texture_sha256"]
-    assert RelitTexture.of_scene(scene, as_captured(scene)) is None
+    assert textures_of(scene).shows_vertices

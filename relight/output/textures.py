@@ -1,0 +1,131 @@
+"""The textures of a scene under one light after another: relit.glb by that of mesh.glb, and the files of --bake."""
+
+from collections.abc import Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from splat2mesh.base.arrays import Radiance
+from splat2mesh.scene.drawn import Drawn
+from splat2mesh.texture.glb import jpeg_bytes
+from splat2mesh.texture.kept import added_part, textured_part
+
+from .lamps_glb import PlacedLamps
+from .relit_splats import RelitSource
+from .subject import WrittenScene
+from .textured_files import png_bytes, write_textured_glb, write_transfer
+
+if TYPE_CHECKING:
+    from splat2mesh.scene.mesh import Mesh
+
+    from ..engine.relighter import Shaded
+    from ..texture import Baked
+
+BAKED = "relit_texture.glb", "albedo_texture.glb"
+"""Files of `--bake texture`."""
+
+
+class SceneTextures:
+    """Textures without the light of the capture, each made when it is first needed, and their files.
+
+    relit: RelitSource of the same scene. size: side of the texture of --bake in texels; without, that of mesh.glb
+    serves, and where there is none one as fine as the splats.
+    """
+
+    def __init__(self, written: WrittenScene, relit: RelitSource, size: int | None) -> None:
+        self._relighter, self._appearance, self._gloss = written.relighter, written.appearance, written.gloss
+        self._splats = None if written.splats is None else written.splats[0]
+        self._relit, self._size, self._seed, self._made = relit, size, written.seed, written.texture
+        self._scene, self._stages = self._relighter.scene, self._relighter.stages
+        self._drawn, self._part = Drawn(self._scene), textured_part(self._scene)
+
+    @property
+    def shows_vertices(self) -> bool:
+        """Whether relit.glb has the colours of vertices: no texture, or an albedo that is known of vertices alone."""
+        look = self._appearance
+        return (look.prior is None and look.albedo is not look.captured) or self._own is None
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether all that is drawn has a texture."""
+        return not self._scene.left
+
+    def write_relit(self, path: Path, shaded: "Shaded", extras: dict[str, Any], placed: PlacedLamps) -> None:
+        """Write relit.glb in the texture of mesh.glb."""
+        own, exposure = self._own, shaded.exposure
+        assert own is not None
+        picture = jpeg_bytes(own.relit(self._received(shaded), exposure))
+        extras, others = {"exposure": float(exposure), **extras}, self._without_texture(self._shown(shaded))
+        write_textured_glb(path, self._part.scene, own, picture, extras=extras, others=others, lamps=placed)
+
+    def write_baked(self, folder: Path, shaded: "Shaded", kinds: Sequence[str]) -> tuple[list[str], dict[str, Any]]:
+        """Write the textured meshes of --bake, relit and as albedo, and on request the transfer.
+
+        kinds: of `kinds.BAKED`. Returns the names of the files and their entry in the report.
+        """
+        baked, part, light = self._baked, self._part, shaded.light
+        with self._stages.stage("write"):
+            extras = {"environment": light.name, "angle_deg": light.rotation_deg, "exposure": shaded.exposure}
+            others, picture = self._without_texture(self._shown(shaded)), png_bytes(self.picture(shaded))
+            write_textured_glb(folder / BAKED[0], part.scene, baked, picture, extras=extras, others=others)
+            gloss = None if self._gloss is None else self._gloss.roughness(self._appearance)
+            gloss = None if gloss is None else part.values(gloss)
+            others, picture = self._without_texture(self._albedo), png_bytes(baked.relit())
+            write_textured_glb(folder / BAKED[1], part.scene, baked, picture, False, gloss=gloss, others=others)
+            names = list(BAKED)
+            if "transfer" in kinds:
+                names += write_transfer(folder, baked, part.values(self._relighter.transfer))
+        return names, {"size": baked.atlas.size, "unseen_texels": baked.unseen}
+
+    def painter(self, shaded: "Shaded") -> "tuple[Any, NDArray[np.uint8]]":
+        """The Atlas of --bake and its picture under a light, (size, size, 3) uint8 sRGB."""
+        return self._baked.atlas, self.picture(shaded)
+
+    def picture(self, shaded: "Shaded") -> NDArray[np.uint8]:
+        """The texture of --bake under a light, (size, size, 3) uint8 sRGB."""
+        return self._baked.relit(self._received(shaded), shaded.exposure)
+
+    def _received(self, shaded: "Shaded") -> Radiance:
+        return self._part.values(self._relit.received(shaded.shading, shaded.exposure))
+
+    def _shown(self, shaded: "Shaded") -> Radiance:
+        return shaded.shading.radiance * np.float32(shaded.exposure)
+
+    def _without_texture(self, shown: Radiance) -> "list[tuple[Mesh, Radiance]]":
+        """Cards, and what was added after the texture was made, with what their vertices show, of (V, 3) linear."""
+        return self._drawn.cards_in(shown) + added_part(self._scene, shown)
+
+    @property
+    def _albedo(self) -> Radiance:
+        look = self._appearance
+        return np.ones_like(look.captured) if look.albedo is None else look.albedo
+
+    @cached_property
+    def _own(self) -> "Baked | None":
+        """The texture of mesh.glb, or None."""
+        from ..texture import own_texture
+
+        return (self._made or own_texture(self._scene, self._appearance))()
+
+    @cached_property
+    def _baked(self) -> "Baked":
+        """The texture of --bake: that of mesh.glb, or one from the cache if it was baked before."""
+        from ..texture import Baked, bake, known_colors
+        from ..transfer.store import array_key
+
+        if self._size is None and self._own is not None:
+            return self._own
+        cache, scene = self._relighter.cache, self._part.scene
+        known = known_colors(self._part, self._appearance)
+        text = repr((self._size, self._seed, scene.source.get("sha256"), known.albedo is None, known.prior is None))
+        values = [known.irradiance if known.albedo is None else known.albedo]
+        key = array_key(np.frombuffer(text.encode(), np.uint8), scene.colors_srgb, *values)
+        kept = cache.get("texels", key)
+        if kept is not None:
+            return Baked.of_arrays(kept)
+        made = bake(scene, self._splats, known, size=self._size, stages=self._stages, seed=self._seed)
+        cache.put("texels", key, **made.arrays())
+        return made
