@@ -13,8 +13,6 @@ from splat2mesh.base.outputs import staged_file
 from splat2mesh.base.strictjson import text_of
 from splat2mesh.texture.glb import add_cards, textured_glb
 
-from .lamps_glb import NO_LAMPS, PlacedLamps, add_lamps
-
 if TYPE_CHECKING:
     from splat2mesh.scene.mesh import Mesh
     from splat2mesh.scene.scene import Scene
@@ -36,7 +34,6 @@ def write_textured_glb(
     extras: dict | None = None,  # dict of JSON values, kept in the glTF scene's `extras`
     gloss: NDArray[np.float32] | None = None,  # (V, 2) roughness and metalness of the vertices; matt without
     others: "Sequence[tuple[Mesh, NDArray[np.float32]]]" = (),  # without a texture, with (V, 3) linear colours
-    lamps: PlacedLamps = NO_LAMPS,
 ) -> None:
     """Write the scene as binary glTF 2.0: a mesh per chunk with TEXCOORD_0, one material, the picture inside.
 
@@ -47,7 +44,6 @@ def write_textured_glb(
     material = "relit" if unlit else "albedo"
     file = textured_glb(scene, baked.atlas, picture, len(scene.chunks), material, unlit, shine)
     add_cards(file, others, unlit)
-    add_lamps(file, lamps)
     file.save(path, extras)
 
 

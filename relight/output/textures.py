@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Radiance
 from splat2mesh.scene.drawn import Drawn
-from splat2mesh.texture.glb import jpeg_bytes
+from splat2mesh.texture.glb import add_cards, jpeg_bytes, textured_glb
 from splat2mesh.texture.kept import added_part, textured_part
 
-from .lamps_glb import PlacedLamps
+from .lamps_glb import PlacedLamps, add_lamps
 from .relit_splats import RelitSource
 from .subject import WrittenScene
 from .textured_files import png_bytes, write_textured_glb, write_transfer
@@ -58,8 +58,10 @@ class SceneTextures:
         own, exposure = self._own, shaded.exposure
         assert own is not None
         picture = jpeg_bytes(own.relit(self._received(shaded), exposure))
-        extras, others = {"exposure": float(exposure), **extras}, self._without_texture(self._shown(shaded))
-        write_textured_glb(path, self._part.scene, own, picture, extras=extras, others=others, lamps=placed)
+        file = textured_glb(self._part.scene, own.atlas, picture, len(self._part.scene.chunks), "relit")
+        add_cards(file, self._without_texture(self._shown(shaded)))
+        add_lamps(file, placed)
+        file.save(path, {"exposure": float(exposure), **extras})
 
     def write_baked(self, folder: Path, shaded: "Shaded", kinds: Sequence[str]) -> tuple[list[str], dict[str, Any]]:
         """Write the textured meshes of --bake, relit and as albedo, and on request the transfer.
