@@ -17,8 +17,8 @@ from splat2mesh.scene.color import luminance
 
 GREEN = np.array([-1.0, 2.0, -1.0]) / math.sqrt(6.0)
 """Unit direction of log colour, linear Rec. 709, from magenta to green. Along it black bodies from 3,000 to 25,000 K
-lie between -.15 and .17, the mean colours of nine environments (four built in, five photographed) between -.11 and .05
-but for one of -.33; leaves at .5 to .8."""
+lie between -.15 and .17, the mean colours of eight environments (four built in, four photographed) between -.11 and .05,
+that of a ninth, grace, at -.33; leaves at .5 to .8."""
 
 
 @dataclass(frozen=True)
@@ -31,14 +31,14 @@ class HueCalibration:
 
     provenance: ClassVar = Provenance(
         script="scripts/bench albedo",
-        fitted_on="black bodies and nine environments; no scene",
-        held_out="14 generated scenes, four of them leaves, four real captures (docs/albedo.md)",
+        fitted_on="mean colours of eight environments; no scene",
+        held_out="18 generated scenes, four of them of leaves, and real captures (docs/albedo.md)",
     )
 
     warm_share: float = 0.5
     green_share: float = 0.1
     warm: float = 0.25
-    green: float = 0.08
+    green: float = 0.05
 
 
 HUES = HueCalibration()

@@ -36,7 +36,7 @@ def test_grey_stays_grey_and_the_unit_of_colours_does_not_count():
 def test_the_prior_bounds_hues_and_leaves_brightness_alone():
     np.testing.assert_allclose(natural.PRECISION @ np.ones(3), 0.0, atol=1e-9)  # of eigenvalues of some 100
     np.testing.assert_allclose(natural.PRECISION @ WARM, WARM / 0.25**2, atol=1e-9)
-    np.testing.assert_allclose(natural.PRECISION @ natural.GREEN, natural.GREEN / 0.08**2, atol=1e-9)
+    np.testing.assert_allclose(natural.PRECISION @ natural.GREEN, natural.GREEN / 0.05**2, atol=1e-9)
 
 
 def test_the_prior_of_a_light_without_hues_is_the_one_with_all_hues_alike():
