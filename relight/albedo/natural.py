@@ -17,8 +17,8 @@ from splat2mesh.scene.color import luminance
 
 GREEN = np.array([-1.0, 2.0, -1.0]) / math.sqrt(6.0)
 """Unit direction of log colour, linear Rec. 709, from magenta to green. Along it black bodies from 3,000 to 25,000 K
-lie between -.15 and .17, the mean colours of eight environments (four built in, four photographed) between -.11 and .05,
-that of a ninth, grace, at -.33; leaves at .5 to .8."""
+lie between -.15 and .17, the mean colours of eight environments (four built in, four photographed) between -.11 and
+.05, that of a ninth, grace, at -.33; leaves at .5 to .8."""
 
 
 @dataclass(frozen=True)
