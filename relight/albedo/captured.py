@@ -18,7 +18,7 @@ from splat2mesh.scene.measured import CapturedSky
 from ..light.environment import Environment
 from ..transfer.occluder import Occluder
 from ..transfer.transport import Transport
-from . import fit, samples, skylight
+from . import fit, natural, samples, skylight
 from .contrast import CONTRAST
 from .direct import direct_light
 from .division import LIGHTEST, Prior, albedo_of, checked, prior_of, weighted_median, weighted_quantile
@@ -160,11 +160,12 @@ class CapturedScene:
         content = self.captured, self.usable, self.transport.transfer, self.bounce
         return patches_of(looks, self.occluder, *content, volume)
 
-    def start(self) -> NDArray[np.float64]:
-        """(3,) radiance of a uniform light that makes the median albedo the usual one, half way to a grey world."""
+    def start(self, natural_light: bool = False) -> NDArray[np.float64]:
+        """(3,) radiance of a uniform light that makes the median albedo the usual one, half way to a grey world, or of
+        the colour that natural light has there."""
         places = self.places
         level = np.array([weighted_median(c, np.ones(len(c))) for c in self.captured[places.vertices].T])
-        level = np.sqrt(level * luminance(level))
+        level = natural.light_of(level) if natural_light else np.sqrt(level * luminance(level))
         visible, bounced = places.sky.sum(axis=1), luminance(self.bounced())
         radiance = (luminance(self.captured[places.vertices]) / USUAL_ALBEDO - bounced) / visible
         bright = max(float(np.median(radiance)), 0.25 * float(luminance(level)) / USUAL_ALBEDO)

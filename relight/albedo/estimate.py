@@ -17,7 +17,7 @@ from ..light.environment import Environment
 from ..sh import harmonics
 from ..transfer.occluder import Occluder
 from ..transfer.transport import Transport
-from . import fit, skylight, sun
+from . import fit, natural, skylight, sun
 from .captured import HEIGHT, WIDTH, CapturedScene, CaptureEvidence, Estimate
 from .division import Prior, albedo_of
 from .reflected import guided
@@ -74,8 +74,8 @@ def estimate(
     basis = harmonics.evaluate(scene.places.directions, LIGHT_BANDS)
     light = fit.SmoothLight(scene.places.sky, basis, scene.bounced())
     start = np.zeros((LIGHT_BANDS**2, 3))
-    start[0] = np.log(scene.start()) / fit.UNIT
-    prior = fit.prior_of(LIGHT_BANDS)
+    start[0] = np.log(scene.start(natural_light=True)) / fit.UNIT
+    prior = fit.prior_of(LIGHT_BANDS, natural.PRECISION)
     shown = None if given.reflected is None else guided(scene, light, start, given.reflected)
     if shown is not None:
         found, prior, start = shown

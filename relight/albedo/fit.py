@@ -133,16 +133,17 @@ def solve(
     return Fit(theta, cost, hessian)
 
 
-def prior_of(bands: int) -> NDArray[np.float64]:
+def prior_of(bands: int, of_color: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
     """(3 K, 3 K) of the quadratic prior on logarithmic coefficients, colours outermost.
 
-    Brightness and colour of the mean are bounded; a coefficient of degree l is pulled to 0 with weight l.
+    Brightness and colour of the mean are bounded; a coefficient of degree l is pulled to 0 with weight l. of_color:
+    (3, 3) of the prior on the log colour of the mean; without it all hues are alike.
     """
     width = bands**2
     degree, _ = harmonics.degrees_and_orders(bands)
     gray = np.full((3, 3), 1.0 / 3.0)
     color = np.eye(3) - gray
-    mean = (gray / BRIGHTNESS**2 + color / COLOR**2) * UNIT**2
+    mean = (gray / BRIGHTNESS**2 + (color / COLOR**2 if of_color is None else of_color)) * UNIT**2
     matrix = np.kron(gray + CONTRAST_COLOR * color, np.diag(degree))
     at = np.arange(3) * width
     matrix[np.ix_(at, at)] = mean

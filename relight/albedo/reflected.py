@@ -7,7 +7,7 @@ from splat2mesh.base.arrays import Coefficients
 
 from ..light import projections
 from ..sh import harmonics
-from . import fit
+from . import fit, natural
 from .captured import HEIGHT, WIDTH, CapturedScene
 
 CONTRASTS = (0.5, 1.0, 1.5, 2.0)
@@ -33,7 +33,7 @@ def guided(
     shading of the scene does not agree with it.
     """
     bands = harmonics.bands_of(start)
-    prior = STIFFNESS * fit.prior_of(bands)
+    prior = STIFFNESS * fit.prior_of(bands, natural.PRECISION)
     plain = scene.fitted(light, start, prior)
     best = None
     for contrast in CONTRASTS:
