@@ -85,7 +85,7 @@ def _sky_part(occluder: Occluder, eyes: NDArray[np.float32]) -> float:
 
 
 def _hull(points: Floats, weights: Floats) -> tuple[Floats, float, Mask]:
-    """(lowest corner (3,), side of a cell, mask of a grid of cells): the cells within the trimmed hull of points (N, 3)."""
+    """Lowest corner (3,), side of a cell, mask of a grid of cells: those in the trimmed hull of points (N, 3)."""
     sides = fibonacci_sphere(SIDES)
     reach = np.zeros(SIDES)
     for number, side in enumerate(sides):

@@ -88,7 +88,7 @@ class Occluder:
         self._hidden: RayCaster | None = None
 
     def shut(self, triangles: NDArray[np.float32]) -> None:
-        """Let no ray leave the scene through these triangles, (B, 3, 3) unit frame. Between surfaces they hide nothing."""
+        """Let no ray leave the scene through triangles (B, 3, 3), unit frame. Between surfaces they hide nothing."""
         if len(triangles):
             corners = triangles.reshape(-1, 3)
             self._hidden = RayCaster(corners, np.arange(len(corners)).reshape(-1, 3))
