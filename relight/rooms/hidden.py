@@ -5,6 +5,8 @@ enters through them passes for that of the windows. What was seen is known to be
 stood to a surface. The rest of the room's hull is taken to be solid, for rays that would leave the room.
 """
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_erosion
@@ -16,6 +18,7 @@ from ..albedo import samples
 from ..albedo.interior import LOOKS, MOST_CLOSED, within
 from ..sh.sphere import fibonacci_sphere
 from ..transfer.occluder import Frame, Occluder
+from ..transfer.store import Cache
 from .seen import seen_from
 
 CELLS = 1e6
@@ -64,6 +67,36 @@ def hidden_volumes(scene: Scene, occluder: Occluder) -> NDArray[np.float32]:
     unseen = np.zeros(inside.shape, bool)
     unseen[tuple(cells[left].T)] = True
     return _around(binary_erosion(unseen, np.ones((3, 3, 3)), ERODED), low, cell)
+
+
+def kept_volumes(scene: Scene, occluder: Occluder, cache: Cache) -> NDArray[np.float32]:
+    """Those of `hidden_volumes`, kept between runs.
+
+    Parameters
+    ----------
+    scene : Scene
+    occluder : Occluder
+        The same scene to trace rays in.
+    cache : Cache
+        Of the scene.
+
+    Returns
+    -------
+    ndarray of float32, (B, 3, 3)
+        Corners, unit frame of the occluder.
+    """
+
+    def checked(kept: dict[str, NDArray[Any]]) -> NDArray[np.float32]:
+        found = kept["triangles"]
+        if found.dtype != np.float32 or found.shape[1:] != (3, 3) or not np.isfinite(found).all():
+            raise ValueError("these are no triangles")
+        return found
+
+    found = cache.restored(checked, "hidden")
+    if found is None:
+        found = hidden_volumes(scene, occluder)
+        cache.put("hidden", triangles=found)
+    return found
 
 
 def _sky_part(occluder: Occluder, eyes: NDArray[np.float32]) -> float:

@@ -81,25 +81,10 @@ class Precomputed:
             with self._stages.stage("occluder"):
                 self._occluder = Occluder(self.scene.vertices, self.scene.normals, self.scene.faces)
                 if self.scene.capture.get("from") == "inside":
-                    self._occluder.shut(self._hidden_volumes(self._occluder))
+                    from ..rooms.hidden import kept_volumes
+
+                    self._occluder.shut(kept_volumes(self.scene, self._occluder, self.cache))
         return self._occluder
-
-    def _hidden_volumes(self, occluder: "Occluder") -> NDArray[np.float32]:
-        """(B, 3, 3) float32 triangles through which no ray leaves a closed room; none of other places."""
-
-        def checked(kept: dict[str, NDArray[Any]]) -> NDArray[np.float32]:
-            found = kept["triangles"]
-            if found.dtype != np.float32 or found.shape[1:] != (3, 3) or not np.isfinite(found).all():
-                raise ValueError("these are no triangles")
-            return found
-
-        found = self.cache.restored(checked, "hidden")
-        if found is None:
-            from ..rooms.hidden import hidden_volumes
-
-            found = hidden_volumes(self.scene, occluder)
-            self.cache.put("hidden", triangles=found)
-        return found
 
     @property
     def _neighbors(self) -> Neighbors:
