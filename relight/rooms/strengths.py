@@ -32,9 +32,14 @@ SPREAD, COLOR = 1.0, 0.07
 a clipped sky white. With a colour as free as .2 the light of a lounge's lamp and of its windows drew near each other,
 and with the lamp off the room turned blue."""
 
-PATCH_SPREAD, PATCH_COLOR, PATCH_REACH_DEG = 2.0, 0.25, 15.0
+PATCH_SPREAD, PATCH_COLOR, PATCH_REACH_DEG = 2.0, 1.0, 15.0
 """The same for parts of the sky in the windows against the whole of it, and how far they are alike: a sun, clipped as
-the sky around it, is another light, and its colour is its own."""
+the sky around it, is another light, and its colour is its own. A low one has 2.4 times as much red as blue beside a
+blue sky: with colours within .25 its glow stayed on a parlour's wall. Only differences are free: the mean colour of the
+parts keeps to COLOR, or windows take up the errors of a mesh as a tint."""
+
+LEAST_OWN = 1e-4
+"""Part of PATCH_COLOR^2 by which the mean colour of the parts may differ from that of the whole."""
 
 STRENGTH = 2e-3
 """Weight of the prior on how emitters differ, against a mean over pairs of places."""
@@ -143,15 +148,19 @@ def _prior(places: RoomIrradiance, stiff: float = STIFF) -> NDArray[np.float64]:
     apart = np.degrees(np.arccos(np.clip(places.patches @ places.patches.T, -1.0, 1.0)))
     alike = np.exp(-0.5 * (apart / PATCH_REACH_DEG) ** 2)
 
-    def precision(whole: float, part: float) -> NDArray[np.float64]:
+    def precision(whole: float, part: float, differ: NDArray[np.float64]) -> NDArray[np.float64]:
         spread = whole**2 * np.eye(count)
-        spread[lamps:, lamps:] = whole**2 + part**2 * (alike + 0.01 * np.eye(count - lamps))
+        spread[lamps:, lamps:] = whole**2 + part**2 * differ
         return np.asarray(np.linalg.inv(spread), np.float64)
 
     common = _common(places)
     gray = np.full((3, 3), 1.0 / 3.0)
-    bright = precision(SPREAD, PATCH_SPREAD) + (stiff - 1.0) / SPREAD**2 * np.outer(common, common)
-    parts = np.kron(gray, bright) + np.kron(np.eye(3) - gray, precision(COLOR, PATCH_COLOR))
+    own = np.eye(count - lamps)
+    bright = precision(SPREAD, PATCH_SPREAD, alike + 0.01 * own)
+    bright += (stiff - 1.0) / SPREAD**2 * np.outer(common, common)
+    beside = own - 1.0 / max(count - lamps, 1)
+    color = precision(COLOR, PATCH_COLOR, beside @ alike @ beside + LEAST_OWN * own)
+    parts = np.kron(gray, bright) + np.kron(np.eye(3) - gray, color)
     return parts * (STRENGTH / fit.STRENGTH)
 
 

@@ -85,11 +85,22 @@ class Occluder:
         self.origins = _origins(centered, self.normals, faces, INPUT_ROUNDINGS * frame.rounding)
         self.faces = np.ascontiguousarray(faces, np.uint32)
         self._caster = RayCaster(centered, self.faces)
+        self._hidden: RayCaster | None = None
+
+    def shut(self, triangles: NDArray[np.float32]) -> None:
+        """Let no ray leave the scene through triangles (B, 3, 3), unit frame. Between surfaces they hide nothing."""
+        if len(triangles):
+            corners = triangles.reshape(-1, 3)
+            self._hidden = RayCaster(corners, np.arange(len(corners)).reshape(-1, 3))
 
     def occluded(self, rays: Rays, far: float = np.inf) -> Mask:
         """Whether anything hides the rays up to `far` lengths of their directions: (..., 6) float32 origin, direction,
         unit frame -> (...) bool."""
-        return self._caster.occluded(rays, far)
+        hidden = self._caster.occluded(rays, far)
+        if self._hidden is not None and far == np.inf:
+            free = ~hidden
+            hidden[free] = self._hidden.occluded(np.asarray(rays)[free])
+        return hidden
 
     def first_hits(self, rays: Rays) -> Hits:
         """The first hits of rays (..., 6) float32, unit frame: Hits."""

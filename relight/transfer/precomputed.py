@@ -80,6 +80,10 @@ class Precomputed:
 
             with self._stages.stage("occluder"):
                 self._occluder = Occluder(self.scene.vertices, self.scene.normals, self.scene.faces)
+                if self.scene.capture.get("from") == "inside":
+                    from ..rooms.hidden import kept_volumes
+
+                    self._occluder.shut(kept_volumes(self.scene, self._occluder, self.cache))
         return self._occluder
 
     @property

@@ -225,6 +225,8 @@ def geometry_key(scene: "Scene") -> str:
     for chunk in scene.chunks:
         for array in (chunk.vertices, chunk.normals, chunk.faces):
             digest.update(str(array.shape).encode() + np.ascontiguousarray(array).tobytes())
+    if scene.capture.get("from") == "inside":  # what was seen from there of a room is free, all else is not
+        digest.update(b"hidden" + np.asarray(scene.capture.get("eyes", ()), np.float64).tobytes())
     return digest.hexdigest()
 
 

@@ -1,0 +1,147 @@
+"""Volumes of a closed room that nobody saw: a mesh is often open there, and no sky shines through them.
+
+No photograph shows the wall behind a cupboard or the floor under a sofa, so a mesh has holes there, and the sky that
+enters through them passes for that of the windows. What was seen is known to be free: every line from where the capture
+stood to a surface. The rest of the room's hull is taken to be solid, for rays that would leave the room.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import binary_erosion
+
+from splat2mesh.base.arrays import Floats, Mask
+from splat2mesh.scene.scene import Scene
+
+from ..albedo import samples
+from ..albedo.interior import LOOKS, MOST_CLOSED, within
+from ..sh.sphere import fibonacci_sphere
+from ..transfer.occluder import Frame, Occluder
+from ..transfer.store import Cache
+from .seen import seen_from
+
+CELLS = 1e6
+"""Cells of the box around the hull: 4 cm in a room of 5 m."""
+
+ERODED = 1
+"""Cells by which hidden volumes are smaller than what was not seen: rays that graze furniture stay free."""
+
+SIDES, TRIMMED = 64, 0.01
+"""Planes of the hull, and the part of the visible surface beyond each: what windows show outside, and frames."""
+
+TRIED = 4
+"""Directions from each surface seen, to tell a closed room before any light is computed."""
+
+
+def hidden_volumes(scene: Scene, occluder: Occluder) -> NDArray[np.float32]:
+    """Triangles around the volumes that nobody saw.
+
+    Parameters
+    ----------
+    scene : Scene
+        Any; only closed rooms that were captured from inside have such volumes.
+    occluder : Occluder
+        The same scene to trace rays in.
+
+    Returns
+    -------
+    ndarray of float32, (B, 3, 3)
+        Corners, unit frame of the occluder. Without triangles for other scenes.
+    """
+    none = np.zeros((0, 3, 3), np.float32)
+    eyes = within(scene)
+    if not len(eyes):
+        return none
+    unit = Frame.around(scene.vertices, scene.faces).unit(eyes)
+    if _sky_part(occluder, unit) > MOST_CLOSED:
+        return none
+    seen = seen_from(occluder, np.arange(len(occluder.origins)), unit)
+    if not seen.any():
+        return none
+    low, cell, inside = _hull(occluder.origins[seen].astype(np.float64), samples.vertex_areas(occluder)[seen])
+    cells = np.argwhere(inside)
+    left, centers = np.arange(len(cells)), (low + (cells + 0.5) * cell).astype(np.float32)
+    for eye in unit:
+        left = left[occluder.occluded(np.hstack([centers[left], eye - centers[left]]), 1.0)]
+    unseen = np.zeros(inside.shape, bool)
+    unseen[tuple(cells[left].T)] = True
+    return _around(binary_erosion(unseen, np.ones((3, 3, 3)), ERODED), low, cell)
+
+
+def kept_volumes(scene: Scene, occluder: Occluder, cache: Cache) -> NDArray[np.float32]:
+    """Those of `hidden_volumes`, kept between runs.
+
+    Parameters
+    ----------
+    scene : Scene
+    occluder : Occluder
+        The same scene to trace rays in.
+    cache : Cache
+        Of the scene.
+
+    Returns
+    -------
+    ndarray of float32, (B, 3, 3)
+        Corners, unit frame of the occluder.
+    """
+
+    def checked(kept: dict[str, NDArray[Any]]) -> NDArray[np.float32]:
+        found = kept["triangles"]
+        if found.dtype != np.float32 or found.shape[1:] != (3, 3) or not np.isfinite(found).all():
+            raise ValueError("these are no triangles")
+        return found
+
+    found = cache.restored(checked, "hidden")
+    if found is None:
+        found = hidden_volumes(scene, occluder)
+        cache.put("hidden", triangles=found)
+    return found
+
+
+def _sky_part(occluder: Occluder, eyes: NDArray[np.float32]) -> float:
+    """Mean part of the sky over the fronts of the surfaces that eyes (E, 3), unit frame, see; 1 without any."""
+    directions = fibonacci_sphere(LOOKS)
+    rays = np.hstack([np.repeat(eyes, LOOKS, axis=0), np.tile(directions, (len(eyes), 1))]).astype(np.float32)
+    hits = occluder.first_hits(rays)
+    rows = occluder.faces[np.maximum(hits.faces, 0), 0]
+    front = (hits.faces >= 0) & (np.einsum("ij,ij->i", occluder.normals[rows], rays[:, 3:]) < 0.0)
+    rows = rows[front]
+    if not len(rows):
+        return 1.0
+    # A unit vector around the normal: the cosine lobe. Each place takes others of the directions.
+    turn = (np.arange(len(rows))[:, None] * TRIED + np.arange(TRIED)) % LOOKS
+    toward = occluder.normals[rows, None] + directions[turn]
+    toward /= np.maximum(np.linalg.norm(toward, axis=2, keepdims=True), 1e-6)
+    origins = np.broadcast_to(occluder.origins[rows, None], toward.shape)
+    return float(1.0 - occluder.occluded(np.concatenate([origins, toward], axis=2).astype(np.float32)).mean())
+
+
+def _hull(points: Floats, weights: Floats) -> tuple[Floats, float, Mask]:
+    """Lowest corner (3,), side of a cell, mask of a grid of cells: those in the trimmed hull of points (N, 3)."""
+    sides = fibonacci_sphere(SIDES)
+    reach = np.zeros(SIDES)
+    for number, side in enumerate(sides):
+        along = points @ side
+        order = np.argsort(along)
+        total = np.cumsum(weights[order])
+        reach[number] = along[order[np.searchsorted(total, (1.0 - TRIMMED) * total[-1])]]
+    held = points[(points @ sides.T <= reach).all(axis=1)]
+    held = held if len(held) else points
+    low, high = held.min(axis=0), held.max(axis=0)
+    extent = np.maximum(high - low, 1e-3)
+    cell = float(np.cbrt(extent.prod() / CELLS))
+    grid = np.stack(np.meshgrid(*(np.arange(np.ceil(each / cell)) + 0.5 for each in extent), indexing="ij"), axis=-1)
+    return low, cell, ((low + grid * cell) @ sides.T < reach).all(axis=3)
+
+
+def _around(solid: Mask, low: Floats, cell: float) -> NDArray[np.float32]:
+    """(B, 3, 3) float32: two triangles on each side of a solid cell where a free one follows."""
+    padded, found = np.pad(solid, 1), [np.zeros((0, 3, 3))]
+    for axis in range(3):
+        at = np.argwhere(np.diff(padded.astype(np.int8), axis=axis) != 0).astype(np.float64) - 1.0
+        at[:, axis] += 1.0
+        first, second = np.delete(np.eye(3), axis, axis=0)
+        corners = np.stack([at, at + first, at + first + second, at + second], axis=1) * cell + low
+        found += [corners[:, [0, 1, 2]], corners[:, [0, 2, 3]]]
+    return np.concatenate(found).astype(np.float32)

@@ -1,0 +1,120 @@
+"""Volumes of a room that nobody saw: sky through them is hidden, light through windows and between surfaces is not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from relight.rooms import hidden
+from relight.transfer.occluder import Frame, Occluder
+from relight.transfer.precomputed import Precomputed
+from relight.transfer.store import Cache, geometry_key
+from splat2mesh.scene.mesh import Mesh
+from splat2mesh.scene.scene import Scene
+
+N = 24
+EYES = [[0.0, 1.2, 0.0], [0.6, 1.4, 0.5], [-0.6, 1.3, -0.5]]
+
+
+def wall(corner, right, up, hole=lambda u, v: np.zeros_like(u, bool)):
+    """A square grid from a corner along two edges, its front to right x up, without faces whose centre is in a hole."""
+    corner, right, up = (np.asarray(each, np.float32) for each in (corner, right, up))
+    u, v = np.meshgrid(np.linspace(0, 1, N + 1), np.linspace(0, 1, N + 1), indexing="ij")
+    vertices = corner + u.reshape(-1, 1) * right + v.reshape(-1, 1) * up
+    at = np.arange((N + 1) ** 2).reshape(N + 1, N + 1)
+    a, b, c, d = at[:-1, :-1], at[1:, :-1], at[1:, 1:], at[:-1, 1:]
+    faces = np.stack([np.stack([a, b, c], -1), np.stack([a, c, d], -1)], axis=2).reshape(-1, 3)
+    middle = np.repeat((np.arange(N) + 0.5) / N, N), np.tile((np.arange(N) + 0.5) / N, N)
+    keep = ~np.repeat(hole(*middle), 2)
+    normal = np.cross(right, up)
+    normals = np.tile(normal / np.linalg.norm(normal), (len(vertices), 1))
+    return vertices.astype(np.float32), normals.astype(np.float32), faces[keep]
+
+
+def scene_of(parts, seen_from="inside"):
+    starts = np.cumsum([0, *(len(part[0]) for part in parts)])
+    vertices, normals = (np.concatenate([part[k] for part in parts]) for k in (0, 1))
+    faces = np.concatenate([part[2] + start for part, start in zip(parts, starts, strict=False)]).astype(np.int32)
+    colors = np.full((len(vertices), 3), 128, np.uint8)
+    return Scene([Mesh(vertices, normals, faces, colors)], capture={"from": seen_from, "eyes": EYES})
+
+
+def room(cupboard=True, ceiling=True):
+    """4 x 2.6 x 4, a window in the wall to +z; no wall behind the cupboard at -x, which has no top."""
+
+    def window(u, v):
+        return (abs(u - 0.5) < 0.15) & (abs(v - 0.5) < 0.2)
+
+    def behind(u, v):
+        return (abs(u - 0.5) < 0.2) & (v < 0.55)
+
+    parts = [
+        wall((-2, 0, 2), (4, 0, 0), (0, 0, -4)),
+        wall((2, 0, 2), (-4, 0, 0), (0, 2.6, 0), window),
+        wall((-2, 0, -2), (4, 0, 0), (0, 2.6, 0)),
+        wall((-2, 0, 2), (0, 0, -4), (0, 2.6, 0), behind if cupboard else lambda u, v: u < 0),
+        wall((2, 0, -2), (0, 0, 4), (0, 2.6, 0)),
+    ]
+    if ceiling:
+        parts.append(wall((-2, 2.6, -2), (4, 0, 0), (0, 0, 4)))
+    if cupboard:  # its front, and its sides
+        parts += [
+            wall((-1.3, 0, 1), (0, 0, -2), (0, 1.7, 0)),
+            wall((-2, 0, 1), (0.7, 0, 0), (0, 1.7, 0)),
+            wall((-1.3, 0, -1), (-0.7, 0, 0), (0, 1.7, 0)),
+        ]
+    return scene_of(parts)
+
+
+def caster_of(scene):
+    occluder = Occluder(scene.vertices, scene.normals, scene.faces)
+    return occluder, Frame.around(scene.vertices, scene.faces)
+
+
+def ray(frame, start, end):
+    start = frame.unit(np.array([start]))
+    return np.hstack([start, frame.unit(np.array([end])) - start]).astype(np.float32)
+
+
+def test_no_sky_shines_through_an_open_cupboard_and_all_of_it_through_the_window():
+    scene = room()
+    occluder, frame = caster_of(scene)
+    through_cupboard = ray(frame, (-0.9, 2.55, 0), (-2, 0.9, 0))  # from the ceiling, over its front, out at its back
+    through_window = ray(frame, (0, 0.1, -1), (0, 1.3, 2.0))
+    assert not occluder.occluded(through_cupboard).any() and not occluder.occluded(through_window).any()
+    occluder.shut(hidden.hidden_volumes(scene, occluder))
+    assert occluder.occluded(through_cupboard).all()
+    assert not occluder.occluded(through_window).any()
+
+
+def test_between_surfaces_nothing_is_hidden():
+    scene = room()
+    occluder, frame = caster_of(scene)
+    occluder.shut(hidden.hidden_volumes(scene, occluder))
+    assert not occluder.occluded(ray(frame, (-0.9, 2.55, 0), (-1.9, 1.0, 0)), 1.0).any()
+
+
+@pytest.mark.parametrize("scene", [room(ceiling=False), replace(room(), capture={"from": "both", "eyes": EYES})])
+def test_open_places_have_none(scene):
+    occluder, _ = caster_of(scene)
+    assert hidden.hidden_volumes(scene, occluder).shape == (0, 3, 3)
+
+
+def test_what_was_computed_for_other_standpoints_does_not_serve():
+    inside, moved = room(), replace(room(), capture={"from": "inside", "eyes": EYES[:2]})
+    outside, other = (replace(room(), capture={"from": "outside", "eyes": eyes}) for eyes in (EYES, EYES[:2]))
+    assert geometry_key(inside) == geometry_key(room()) != geometry_key(moved)
+    assert geometry_key(outside) == geometry_key(other)
+
+
+def test_kept_volumes_serve_the_next_run_and_damaged_ones_do_not(tmp_path, monkeypatch):
+    scene = room()
+    first = Precomputed(scene, 0, Cache(tmp_path, geometry_key(scene)))
+    through = ray(Frame.around(scene.vertices, scene.faces), (-0.9, 2.55, 0), (-2, 0.9, 0))
+    assert first.occluder.occluded(through).all()
+    with monkeypatch.context() as patch:
+        patch.setattr(hidden, "hidden_volumes", lambda *_: pytest.fail("they were kept"))
+        again = Precomputed(scene, 0, Cache(tmp_path, geometry_key(scene)))
+        assert again.occluder.occluded(through).all()
+    Cache(tmp_path, geometry_key(scene)).put("hidden", triangles=np.zeros((2, 3), np.float32))
+    assert Precomputed(scene, 0, Cache(tmp_path, geometry_key(scene))).occluder.occluded(through).all()
