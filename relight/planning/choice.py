@@ -37,6 +37,10 @@ in the last light of the day needs the smaller part."""
 SUN_WIDTH = 0.8
 """Assumed error of patches that shine as points, over the split's tolerance: 0.2 to 1.5 were measured."""
 
+SUN_MOST = 0.7
+"""Part of the target beyond which the error of suns as points, once measured, calls for finer suns: half of the square.
+What suns leave no ray mends, and to come within the target then takes many times the rays."""
+
 ALL_TOLERANCES = 0.02, 0.01, 0.005  # for suns where a time is given, and not an error
 
 NEAR_LEAST = 1.1
@@ -346,5 +350,5 @@ class Choice:
             self._width_factor = max(self._width_factor, measured / max(SUN_WIDTH * key[1], planned))
         self._splits[key] = (rest.radiance if len(found) else None), found, max(planned, measured)
         finest = self._target / SUN_WIDTH / self._width_factor * SUN_PARTS[0]
-        if measured > self._target and finest < min(filter(None, self._sun_choices())):
+        if measured > SUN_MOST * self._target and finest < min(filter(None, self._sun_choices())):
             self._finer = [finest]
