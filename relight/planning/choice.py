@@ -30,16 +30,13 @@ RAYS = tuple(2**power for power in range(2, 12))
 NEURAL_BANDS = (3, 4, 5)
 MOST_NEURAL_VERTICES = 300_000  # its averages of a million vertices take gigabytes
 
-SUN_PARTS, LEAST_SUN_TOLERANCE = (0.6, 0.2), 0.001
+SUN_PARTS, LEAST_SUN_TOLERANCE = (0.6, 0.2, 0.06), 0.001
 """Parts of the tolerance that suns may be split to. What they leave is estimated for walls that stand anywhere: a table
-in the last light of the day needs the smaller part."""
+in the last light of the day needs the second. Where edges of sunlight or bright sky beside the sun take much of the
+tolerance, the last is cheaper than the rays that would make up for them."""
 
 SUN_WIDTH = 0.8
 """Assumed error of patches that shine as points, over the split's tolerance: 0.2 to 1.5 were measured."""
-
-SUN_MOST = 0.7
-"""Part of the target beyond which the error of suns as points, once measured, calls for finer suns: half of the square.
-What suns leave no ray mends, and to come within the target then takes many times the rays."""
 
 ALL_TOLERANCES = 0.02, 0.01, 0.005  # for suns where a time is given, and not an error
 
@@ -350,5 +347,5 @@ class Choice:
             self._width_factor = max(self._width_factor, measured / max(SUN_WIDTH * key[1], planned))
         self._splits[key] = (rest.radiance if len(found) else None), found, max(planned, measured)
         finest = self._target / SUN_WIDTH / self._width_factor * SUN_PARTS[0]
-        if measured > SUN_MOST * self._target and finest < min(filter(None, self._sun_choices())):
+        if measured > self._target and finest < min(filter(None, self._sun_choices())):
             self._finer = [finest]

@@ -2,13 +2,12 @@
 
 import gc
 import weakref
-from types import SimpleNamespace
 
 import pytest
 from plan_scenes import corner
 
 from relight import Environment, Relighter
-from relight.planning.choice import NEAR_LEAST, SAFETY, SUN_MOST, SUN_PARTS, SUN_WIDTH, Candidate, Choice
+from relight.planning.choice import NEAR_LEAST, Candidate, Choice
 from relight.transfer.settings import Settings
 
 
@@ -50,22 +49,6 @@ def test_a_curve_leaves_out_what_a_quicker_one_nearly_equals():
     curve = chosen_from(rows).curve()
     assert [type(step) for step in curve] == 3 * [tuple]
     assert curve == [(1.0, 1.0, Settings("analytic", 1)), (3.0, 0.96, Settings("analytic", 3)), (4.0, 0.2, curve[2][2])]
-
-
-@pytest.mark.parametrize("part,finer", [(0.99 * SUN_MOST, False), (1.01 * SUN_MOST, True), (2.0, True)])
-def test_suns_that_take_half_of_the_target_call_for_finer_ones(part, finer):
-    """Such as lose their part of it, if the error falls as the tolerance of the split does."""
-    tolerance = 0.03
-    choice, target = Choice.__new__(Choice), SAFETY * tolerance
-    choice._environment, choice._splits, choice._finer, choice._width_factor = Environment.load("noon"), {}, [], 1.0
-    choice._target, choice._tolerances, choice._budget_s, choice._effects = target, (tolerance,), None, None
-    choice.measured = SimpleNamespace(sun_width=lambda *_: part * target)
-    before = choice._sun_choices()
-    choice._split((3, min(filter(None, before))))
-    added = [each for each in choice._sun_choices() if each not in before]
-    assert len(added) == finer and all(each < min(filter(None, before)) for each in added)
-    for each in added:
-        assert SUN_WIDTH * choice._width_factor * each == pytest.approx(SUN_PARTS[0] * target)
 
 
 @pytest.mark.parametrize("settled", [False, True])
