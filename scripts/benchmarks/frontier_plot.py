@@ -136,7 +136,7 @@ def draw_panels(panels, path):
     import matplotlib.pyplot as plt
     from matplotlib.ticker import LogLocator
 
-    across = min(3, len(panels))
+    across = 2 if len(panels) == 4 else min(3, len(panels))
     down = -(-len(panels) // across)
     figure, axes = plt.subplots(down, across, figsize=(4.6 * across, 3.8 * down), dpi=110, squeeze=False)
     for spot, panel in zip(axes.flat, panels, strict=False):
@@ -176,7 +176,7 @@ def _labels(plans):
     for row in plans:
         tolerance, _, setting = row["setting"].partition(": ")
         name = f"{100 * float(tolerance):g}%" if setting else row["setting"]
-        found.setdefault((setting, row["error"]), (row, []))[1].append(name)
+        found.setdefault((setting, round(row["error"], 4)), (row, []))[1].append(name)
     return [(", ".join(names), row) for row, names in found.values()]
 
 
