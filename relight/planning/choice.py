@@ -30,9 +30,10 @@ RAYS = tuple(2**power for power in range(2, 12))
 NEURAL_BANDS = (3, 4, 5)
 MOST_NEURAL_VERTICES = 300_000  # its averages of a million vertices take gigabytes
 
-SUN_PARTS, LEAST_SUN_TOLERANCE = (0.6, 0.2), 0.001
+SUN_PARTS, LEAST_SUN_TOLERANCE = (0.6, 0.2, 0.06), 0.001
 """Parts of the tolerance that suns may be split to. What they leave is estimated for walls that stand anywhere: a table
-in the last light of the day needs the smaller part."""
+in the last light of the day needs the second. Where edges of sunlight or bright sky beside the sun take much of the
+tolerance, the last is cheaper than the rays that would make up for them."""
 
 SUN_WIDTH = 0.8
 """Assumed error of patches that shine as points, over the split's tolerance: 0.2 to 1.5 were measured."""

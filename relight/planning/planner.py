@@ -84,7 +84,8 @@ class Planner:
             return None
         plan, (others, rounds) = self._plans[key], self._unbounced.pop(key)
         with self._stages.stage("check"):
-            tint, sample = np.float32(1.0) if albedo is None else albedo, plan.choice.measured.wide
+            tint = np.float32(1.0) if albedo is None else albedo
+            sample = plan.choice.measured.wide(radiance - tint * direct)
             found = bounce_errors(sample, tint, direct, radiance, matrix.hidden, self._precomputed.seed)
         plan.checked = math.hypot(others, found.whole)
         ended = plan.budget_s is not None or rounds == MOST_ROUNDS

@@ -109,13 +109,30 @@ class Sample:
     def wider(self, count: int) -> "Sample":
         """So many vertices of the same scene, of which `open` and `seen` are not known."""
         other = copy.copy(self)
-        other.rows, other.chunk, other.weights, _ = _stratified(self.occluder.origins, self.sizes, count, self._traced)
-        other.normals = self.occluder.normals[other.rows]
+        other._place(*_stratified(self.occluder.origins, self.sizes, count, self._traced)[:3])
+        return other
+
+    def lit(self, count: int, square: Floats) -> "Sample":
+        """About so many of these vertices: half of them evenly, half in proportion to the square of their light, (S,),
+        for few vertices have most of it. Of a Sample that is `wider`. Weights sum to 1 but for chance."""
+        share = self.weights * square
+        whole = float(share.sum())
+        wanted = (self.weights + share / whole) / 2.0 if whole > 0.0 else self.weights
+        chance = np.minimum(count * wanted, 1.0)
+        edges = np.cumsum(chance)
+        at = np.searchsorted(edges, np.arange(0.5, edges[-1] if len(edges) else 0.0))
+        other = copy.copy(self)
+        other._place(self.rows[at], self.chunk[at], self.weights[at] / chance[at])
+        return other
+
+    def _place(self, rows: Indices, chunk: Indices, weights: NDArray[np.float64]) -> None:
+        """Take these vertices."""
+        self.rows, self.chunk, self.weights = rows, chunk, weights
+        self.normals = self.occluder.normals[rows]
         leaf = np.zeros(len(self.occluder.origins), np.float32)
         if self._foliage is not None:
             leaf[self._foliage.rows] = self._foliage.share[:, 0]
-        other.solid = 1.0 - leaf[other.rows]
-        return other
+        self.solid = 1.0 - leaf[rows]
 
     def thickened(self, foliage: Foliage) -> tuple["Sample", float]:
         """(The same Sample with leaves and grass as volumes, seconds for a direction from all probes of a Foliage)."""

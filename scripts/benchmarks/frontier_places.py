@@ -213,7 +213,7 @@ class Place:
         yield self.row("no gloss", matt[0], relative_error(matt[1], truth))
         for rays in LOBE_RAYS:
             seconds, found = self.relit(shaded, self.job.request, rays)
-            yield self.row(f"rays a pixel: {rays}", seconds, relative_error(found, truth), plan=rays == usual)
+            yield self.row(f"{rays} rays a pixel", seconds, relative_error(found, truth), plan=rays == usual)
 
     def relit(self, shaded, request, rays):
         """(seconds, drawn colours of the views) of the relit splat, with so many rays of a lobe."""

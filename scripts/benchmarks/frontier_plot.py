@@ -134,8 +134,9 @@ def draw_panels(panels, path):
 
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
+    from matplotlib.ticker import LogLocator
 
-    across = min(3, len(panels))
+    across = 2 if len(panels) == 4 else min(3, len(panels))
     down = -(-len(panels) // across)
     figure, axes = plt.subplots(down, across, figsize=(4.6 * across, 3.8 * down), dpi=110, squeeze=False)
     for spot, panel in zip(axes.flat, panels, strict=False):
@@ -149,13 +150,14 @@ def draw_panels(panels, path):
         spot.scatter(*_places(fixed), s=16, color=COLORS["raytraced"], alpha=0.5, linewidths=0)
         spot.plot(*np.array(best).T, color="#333333", lw=1.2, zorder=3)
         spot.plot(*_places(plans), "*-", color=PLAN_COLOR, ms=12, zorder=5, mec="white", mew=0.8)
-        for row in plans:
-            name = row["setting"].split(":")[0] if ":" in row["setting"] else row["setting"]
+        for name, row in _labels(plans):
             spot.annotate(name, (row["work"], row["error"]), (6, 4), fontsize=8, **PLAN_LABEL)
         spot.set(xscale="log", yscale="log", title=f"{panel['scene']}, {panel['panel']}")
         for part in (spot.yaxis.set_major_formatter, spot.yaxis.set_minor_formatter):
             part(lambda value, _: f"{100 * value:g}%")
         spot.xaxis.set_minor_formatter("")
+        decades = np.ptp(np.log10(spot.get_ylim()))
+        spot.yaxis.set_minor_locator(LogLocator(subs=(2, 5) if decades > 0.7 else range(2, 10)))
         spot.tick_params(which="minor", labelsize=6)
         spot.grid(color="#dddddd", lw=0.7)
         spot.set_axisbelow(True)
@@ -166,6 +168,16 @@ def draw_panels(panels, path):
     figure.supylabel("relative error", fontsize=10)
     figure.tight_layout()
     figure.savefig(path)
+
+
+def _labels(plans):
+    """[(text, row)]: the tolerances of plans, those that chose the same in one label; what gloss does by default."""
+    found = {}
+    for row in plans:
+        tolerance, _, setting = row["setting"].partition(": ")
+        name = f"{100 * float(tolerance):g}%" if setting else row["setting"]
+        found.setdefault((setting, round(row["error"], 4)), (row, []))[1].append(name)
+    return [(", ".join(names), row) for row, names in found.values()]
 
 
 def _places(rows):

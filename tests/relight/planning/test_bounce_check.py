@@ -97,6 +97,29 @@ def test_more_rays_by_the_law_and_what_was_found(others, rays, whole, noise, mor
     assert more_rays(rays, BounceErrors(whole, noise), others, 0.01) == more
 
 
+# -- the vertices that are compared
+
+
+def test_bright_vertices_are_among_those_compared(ball, sample):
+    """Ten of 2,562 have all of the light and are all taken, so nothing of it is left to chance."""
+    light, bright = np.zeros(len(ball.origins)), np.random.default_rng(1).choice(len(ball.origins), 10, replace=False)
+    light[bright] = np.linspace(1.0, 2.0, 10)
+    every = sample.wider(len(ball.origins))
+    found = every.lit(200, np.square(light[every.rows]))
+    assert len(np.unique(found.rows)) == len(found.rows) <= 200 and set(bright) <= set(found.rows)
+    np.testing.assert_array_equal(found.normals, ball.normals[found.rows])
+    assert found.mean_square(light[found.rows, None]) == pytest.approx(np.square(light).mean(), rel=1e-9)
+    assert found.weights.sum() == pytest.approx(1.0, abs=0.03)
+
+
+@pytest.mark.parametrize("level", [0.0, 2.0])
+def test_even_light_or_none_takes_even_vertices(ball, sample, level):
+    every = sample.wider(len(ball.origins))
+    found = every.lit(200, np.full(len(every.rows), level))
+    np.testing.assert_allclose(found.weights, 1.0 / 200)
+    assert len(np.unique(found.rows)) == len(found.rows) == 200
+
+
 # -- in a plan
 
 
