@@ -99,7 +99,9 @@ def _by_contrast(
     def supported(direction: Vector) -> float:
         nonlocal at_sun
         at_sun = edges.sun_at_edges(scene, direction, volume)
-        return at_sun.nats if within and at_sun is not None else 0.0
+        if at_sun is None:
+            return 0.0
+        return min(at_sun.nats, at_sun.nats_of_depth) if within else at_sun.nats_of_depth
 
     # More even shares and the doubt by edges were measured in scenes with eyes within alone.
     within, fewer = scene.looks is not None, contrast.CONTRAST.fewer if scene.looks is not None else 1.0
