@@ -118,6 +118,14 @@ def _by_contrast(
     if lamp is not None and sunny > 0.5:
         rest = image - sunny * sun.image_of(lamp, HEIGHT, WIDTH)
         sharp = edges.sharpened(scene, Environment(rest.astype(np.float32), "estimated"), lamp, sunny, at_sun)
-        image = image if sharp is None else rest + sun.image_of(sharp, HEIGHT, WIDTH)
+        if sharp is not None:
+            image = _as_bright(scene, image, rest + sun.image_of(sharp, HEIGHT, WIDTH))
     unsure = 0.0 if sunny > 0.5 else contrast.ambiguity(patches, directions, bound, (clipped, unseen), lights)
     return SkyLit(Environment(image.astype(np.float32), "estimated"), sunny > 0.5, sharp is not None, unsure)
+
+
+def _as_bright(scene: CapturedScene, before: Floats, after: Floats) -> Floats:
+    """Radiance (H, W, 3) after a change of the sun, as bright as before in the median irradiance of the places."""
+    lights = (Environment(each.astype(np.float32), "estimated") for each in (before, after))
+    was, now = (float(np.median(luminance(scene.direct(each)[scene.places.vertices]))) for each in lights)
+    return after * (was / max(now, 1e-9))
