@@ -125,7 +125,9 @@ def _by_contrast(
 
 
 def _as_bright(scene: CapturedScene, before: Floats, after: Floats) -> Floats:
-    """Radiance (H, W, 3) after a change of the sun, as bright as before in the median irradiance of the places."""
+    """Radiance (H, W, 3) after a change of the sun, as bright as before in the median irradiance of the places; where
+    eyes stood within, under more sky, not darker than it was seen."""
     lights = (Environment(each.astype(np.float32), "estimated") for each in (before, after))
     was, now = (float(np.median(luminance(scene.direct(each)[scene.places.vertices]))) for each in lights)
-    return after * (was / max(now, 1e-9))
+    gain = was / max(now, 1e-9)
+    return after * (gain if scene.looks is None else max(gain, 1.0))
