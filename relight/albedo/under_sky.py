@@ -124,7 +124,7 @@ def _by_contrast(
     return SkyLit(Environment(image.astype(np.float32), "estimated"), sunny > 0.5, sharp is not None, unsure)
 
 
-def _as_bright(scene: CapturedScene, before: Floats, after: Floats) -> Floats:
+def _as_bright(scene: CapturedScene, before: NDArray[np.float64], after: NDArray[np.float64]) -> NDArray[np.float64]:
     """Radiance (H, W, 3) after a change of the sun, as bright as before in the median irradiance of the places; where
     eyes stood within, under more sky, not darker than it was seen."""
     lights = (Environment(each.astype(np.float32), "estimated") for each in (before, after))
