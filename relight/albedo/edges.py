@@ -57,7 +57,7 @@ class EdgeCalibration:
     explained: least part of the variance between neighbours that the best sun explains beyond the openness to the sky.
     clearer: by how much that must exceed what any sun further than `apart` degrees from it explains.
     depth, nat: logarithm of lit over shaded that makes shadows those of a sun, and by how much less takes a nat from
-    the evidence for one. Fifteen captures under suns had 1.4 to 2.4; a false sun of a nook had .92.
+    the evidence for one. Fifteen captures under suns had 1.4 to 2.4; a false sun of a nook had .9.
     weight: of the strength that shadows show, over that of all; the rest is contrast's. Both are off, the former by
     holes of the mesh and blur, the latter by all errors of the mesh.
     certain: by how much the former must fall short of `clearer` to take a nat from the evidence for a sun. Soft light
@@ -68,7 +68,8 @@ class EdgeCalibration:
 
     provenance: ClassVar = Provenance(
         script="scripts/bench albedo",
-        fitted_on="cells and lobes: gardens 4 and 7, nook 3; thresholds: gardens 2 to 12, nooks 1 to 6, the patio",
+        fitted_on="cells and lobes: gardens 4 and 7, nook 3; thresholds: gardens 2 to 12, nooks 1 to 6, the patio; "
+        "depth: nook 11; weight: 15 sunny captures",
         held_out="relit splats of garden 10 at noon and garden 13: .12 to .43 dB better (docs/albedo.md)",
     )
 
