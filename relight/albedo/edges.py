@@ -12,18 +12,17 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from splat2mesh.base.arrays import Directions, Floats, Mask, Vector
+from splat2mesh.base.arrays import Floats, Vector
 from splat2mesh.base.calibration import Provenance
 from splat2mesh.scene.color import luminance
 
 from ..light.environment import Environment
-from ..sh.sphere import fibonacci_sphere
 from ..transfer.bounces import visible_fraction
 from ..transfer.occluder import Occluder
 from . import samples
 from .captured import CapturedScene
-from .division import weighted_median
 from .patches import PATCHES, numbered
+from .shadows import CastShadows, cap, shadows_of
 from .sun import Sun, lit_by
 
 POINTS = 12_000
@@ -44,15 +43,11 @@ AROUND_DEG, FINE_DEG, CENTERS_DEG = 9.0, 1.5, 5.0
 WIDTHS_DEG = (1.5, 2.0, 3.0, 4.5)
 """Spreads of the lobes tried."""
 
-UNANIMOUS_DEG, LEAST_COSINE, SIDES_CELL = 4.0, 0.3, 0.04
-"""A point is lit, or shaded, where all directions so near to the sun are; by that cosine at least. Side of the cells
-within which they are compared."""
+SHADOW_POINTS = 40_000
+"""Vertices among which cast shadows are looked for."""
 
 OVER_SKY, LEAST_SKY = 2.0, 0.1
 """Irradiance of a sun at right angles over that of all sky, and what a place without sky receives, over the same."""
-
-MOST_OVER_REST, HALVINGS = 12.0, 24
-"""Largest irradiance of a sun at right angles over that of the rest, and steps that each halve the range below it."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +56,10 @@ class EdgeCalibration:
 
     explained: least part of the variance between neighbours that the best sun explains beyond the openness to the sky.
     clearer: by how much that must exceed what any sun further than `apart` degrees from it explains.
-    cells, points: least cells with so many lit and so many shaded points: a sun casts shadows.
+    depth, nat: logarithm of lit over shaded that makes shadows those of a sun, and by how much less takes a nat from
+    the evidence for one. Fifteen captures under suns had 1.4 to 2.4; a false sun of a nook had .9.
+    weight: of the strength that shadows show, over that of all; the rest is contrast's. Both are off, the former by
+    holes of the mesh and blur, the latter by all errors of the mesh.
     certain: by how much the former must fall short of `clearer` to take a nat from the evidence for a sun. Soft light
     had .001 to .009, real suns .015 to .063.
     shaded: least variance of the light of a sun between neighbours, over that of their colours, for a sun without edges
@@ -70,15 +68,17 @@ class EdgeCalibration:
 
     provenance: ClassVar = Provenance(
         script="scripts/bench albedo",
-        fitted_on="cells and lobes: gardens 4 and 7, nook 3; thresholds: gardens 2 to 12, nooks 1 to 6, the patio",
+        fitted_on="cells and lobes: gardens 4 and 7, nook 3; thresholds: gardens 2 to 12, nooks 1 to 6, the patio; "
+        "depth: nook 11; weight: 15 sunny captures",
         held_out="relit splats of garden 10 at noon and garden 13: .12 to .43 dB better (docs/albedo.md)",
     )
 
     explained: float = 0.022
     clearer: float = 0.012
     apart: float = 10.0
-    cells: int = 10
-    points: int = 2
+    depth: float = 1.15
+    nat: float = 0.05
+    weight: float = 2.0 / 3.0
     certain: float = 0.0015
     shaded: float = 0.3
 
@@ -88,15 +88,17 @@ EDGES = EdgeCalibration()
 
 class SunEdges(NamedTuple):
     """A sun as edges show it. direction: (3,) unit, scene frame. width_deg: spread of its lobe. rows: (N,) vertices
-    compared. received: (N,) by them under a sun of irradiance 1. sides: of them. explained, clearer: as of
-    EdgeCalibration. inside: whether the best direction is no end of the search. shaded: as of EdgeCalibration.
+    compared. received: (N,) by them under a sun of irradiance 1. shadows: its CastShadows among the vertices
+    `shadow_rows`, or None. explained, clearer: as of EdgeCalibration. inside: whether the best direction is no end of
+    the search. shaded: as of EdgeCalibration.
     """
 
     direction: NDArray[np.float64]
     width_deg: float
     rows: NDArray[np.int64]
     received: Floats
-    sides: "_Sides"
+    shadow_rows: NDArray[np.int64]
+    shadows: CastShadows | None
     explained: float
     clearer: float
     inside: bool
@@ -106,7 +108,7 @@ class SunEdges(NamedTuple):
     def clear(self) -> bool:
         """Whether the edges are those of a sun."""
         most = self.explained >= EDGES.explained and self.clearer >= EDGES.clearer
-        return most and self.inside and self.sides.count >= EDGES.cells
+        return most and self.inside and self.shadows is not None and self.shadows.depth >= EDGES.depth
 
     @property
     def nats(self) -> float:
@@ -115,30 +117,28 @@ class SunEdges(NamedTuple):
             return 0.0
         return min((self.clearer if self.inside else 0.0) - EDGES.clearer, 0.0) / EDGES.certain
 
-    def irradiance(self, rest: Floats) -> float:
-        """Irradiance of the sun at right angles that gives lit and shaded neighbours the ratio of their colours, beside
-        the rest of the light, (N,) luminance. Splats blur shadows: it is a lower bound."""
-        wanted, rest = self.sides.contrast(self.sides.log_captured), np.maximum(rest, 1e-9)
-        low, high = 0.0, MOST_OVER_REST * np.pi * float(np.median(rest))
-        for _ in range(HALVINGS):
-            middle = 0.5 * (low + high)
-            less = self.sides.contrast(np.log(rest + middle * self.received)) < wanted
-            low, high = (middle, high) if less else (low, middle)
-        return 0.5 * (low + high)
+    @property
+    def nats_of_depth(self) -> float:
+        """What the depth of the shadows adds to it, never more than 0."""
+        if self.shadows is None or not self.shadows.deep:
+            return 0.0
+        return min(self.shadows.depth - EDGES.depth, 0.0) / EDGES.nat
 
 
 def sharpened(scene: CapturedScene, rest: Environment, lamp: Sun, share: float, edges: SunEdges | None) -> Sun | None:
     """A Sun found by contrast, where the SunEdges around it have it; None where they do not show it clearly.
 
-    Its irradiance is a share of what was found, or what the edges show if that is more. rest: the light beside it.
+    Its irradiance is the geometric mean of a share of what was found and of what its shadows show; where only their
+    edges can be seen, which are blurred, the larger of both. rest: the light beside it.
     """
-    if edges is None or not edges.clear or lamp.irradiance is None:
+    if edges is None or not edges.clear or edges.shadows is None or lamp.irradiance is None:
         return None
-    transfer = scene.transport.transfer
+    transfer, rows, found = scene.transport.transfer, edges.shadow_rows, share * lamp.irradiance
     coefficients = luminance(rest.sh(int(np.sqrt(transfer.shape[1])))).astype(np.float32)
-    received = np.maximum(transfer[edges.rows] @ coefficients, np.float32(0.0)) + luminance(scene.bounce[edges.rows])
-    least = edges.irradiance(received.astype(np.float64))
-    return Sun(edges.direction, edges.width_deg, edges.received, np.maximum(share * lamp.irradiance, least))
+    received = np.maximum(transfer[rows] @ coefficients, np.float32(0.0)) + luminance(scene.bounce[rows])
+    shown, before = edges.shadows.irradiance(received.astype(np.float64)), float(luminance(found))
+    change = (shown / before) ** EDGES.weight if edges.shadows.deep else max(shown / before, 1.0)
+    return Sun(edges.direction, edges.width_deg, edges.received, change * found)
 
 
 def sun_at_edges(scene: CapturedScene, near: Vector, volume: Floats | None = None) -> SunEdges | None:
@@ -155,12 +155,12 @@ def sun_at_edges(scene: CapturedScene, near: Vector, volume: Floats | None = Non
     if len(rows) < PATCHES.least_patches:
         return None
     between = _Neighbors(occluder, rows, scene.captured[rows], visible[rows])
-    coarse = _cap(near, WITHIN_DEG, COARSE_DEG)
+    coarse = cap(near, WITHIN_DEG, COARSE_DEG)
     shadows = lit_by(occluder, rows, coarse)
     explained, shaded = between.explained(shadows), between.shaded(shadows[:, :1])
     best = coarse[explained.argmax()]
     rival = float(explained[coarse @ best < np.cos(np.radians(EDGES.apart))].max(initial=0.0))
-    fine = _cap(best, AROUND_DEG, FINE_DEG)
+    fine = cap(best, AROUND_DEG, FINE_DEG)
     shadows = lit_by(occluder, rows, fine)
     centers = np.flatnonzero(fine @ best > np.cos(np.radians(CENTERS_DEG)))
     angle = np.degrees(np.arccos(np.clip(fine[centers] @ fine.T, -1.0, 1.0)))
@@ -174,31 +174,9 @@ def sun_at_edges(scene: CapturedScene, near: Vector, volume: Floats | None = Non
             received = lobed[:, top]
     direction = fine[centers[top]]
     inside = direction @ near > np.cos(np.radians(WITHIN_DEG - COARSE_DEG))  # on the border it is no maximum
-    around = shadows[:, angle[top] < UNANIMOUS_DEG] > 0.0
-    upright = occluder.normals[rows] @ direction > LEAST_COSINE
-    sides = between.sides(upright & around.all(axis=1), upright & ~around.any(axis=1))
-    return SunEdges(direction, width_deg, rows, received, sides, most, most - rival, inside, shaded)
-
-
-class _Sides:
-    """Cells with lit and shaded points, and the log colours (N,) of all."""
-
-    def __init__(self, cell: NDArray[np.int64], lit: Mask, shaded: Mask, log_captured: NDArray[np.float64]) -> None:
-        """cell: (N,) numbers from 0. lit, shaded: (N,) as the sun and everything around it sees the points."""
-        self.log_captured, many = log_captured, int(cell.max()) + 1
-        counts = [np.bincount(cell[side], minlength=many) for side in (lit, shaded)]
-        both = np.minimum(*counts) >= EDGES.points
-        self.count = int(np.count_nonzero(both))
-        self._weight = (counts[0] * counts[1] / np.maximum(counts[0] + counts[1], 1))[both]
-        mean = [
-            scipy.sparse.csr_array((1.0 / count[cell[side]], (cell[side], np.flatnonzero(side))), (many, len(cell)))
-            for side, count in zip((lit, shaded), counts, strict=True)
-        ]
-        self._mean = (mean[0] - mean[1])[both]
-
-    def contrast(self, logs: NDArray[np.float64]) -> float:
-        """The median over cells by how much the logarithms (N,) of their lit points exceed those of their shaded."""
-        return weighted_median(self._mean @ logs, self._weight)
+    some = samples.places(occluder, scene.areas, good, SHADOW_POINTS, scene.seed)
+    cast = shadows_of(occluder, some, scene.captured[some], direction)
+    return SunEdges(direction, width_deg, rows, received, some, cast, most, most - rival, inside, shaded)
 
 
 class _Neighbors:
@@ -233,10 +211,6 @@ class _Neighbors:
         light = np.log(self._open[:, None] + np.pi * OVER_SKY * shadows)
         return np.asarray(np.sum([part.moments(light) for part in self._parts], axis=0))
 
-    def sides(self, lit: Mask, shaded: Mask) -> _Sides:
-        """The _Sides of points, (N,) each, in wider cells."""
-        return _Sides(self._cells(SIDES_CELL, 0.0), lit, shaded, self._log_captured)
-
     def _cells(self, side: float, shift: float) -> NDArray[np.int64]:
         return numbered([self._points / side + shift, *self._alike])
 
@@ -270,10 +244,3 @@ class _Cells:
         weight = self._member * self._weight
         mean = ((weight @ values).T / (self._member @ self._weight)).T
         return np.asarray(values - mean[self._cell])
-
-
-def _cap(middle: Vector, within_deg: float, spacing_deg: float) -> Directions:
-    """(D, 3) directions above the horizon around one, which is the first."""
-    sphere = fibonacci_sphere(round(4.0 * np.pi / np.radians(spacing_deg) ** 2))
-    near = (sphere @ middle > np.cos(np.radians(within_deg))) & (sphere[:, 1] > 0.0)
-    return np.vstack([middle, sphere[near]])

@@ -99,7 +99,9 @@ def _by_contrast(
     def supported(direction: Vector) -> float:
         nonlocal at_sun
         at_sun = edges.sun_at_edges(scene, direction, volume)
-        return at_sun.nats if within and at_sun is not None else 0.0
+        if at_sun is None:
+            return 0.0
+        return min(at_sun.nats, at_sun.nats_of_depth) if within else at_sun.nats_of_depth
 
     # More even shares and the doubt by edges were measured in scenes with eyes within alone.
     within, fewer = scene.looks is not None, contrast.CONTRAST.fewer if scene.looks is not None else 1.0
@@ -116,6 +118,16 @@ def _by_contrast(
     if lamp is not None and sunny > 0.5:
         rest = image - sunny * sun.image_of(lamp, HEIGHT, WIDTH)
         sharp = edges.sharpened(scene, Environment(rest.astype(np.float32), "estimated"), lamp, sunny, at_sun)
-        image = image if sharp is None else rest + sun.image_of(sharp, HEIGHT, WIDTH)
+        if sharp is not None:
+            image = _as_bright(scene, image, rest + sun.image_of(sharp, HEIGHT, WIDTH))
     unsure = 0.0 if sunny > 0.5 else contrast.ambiguity(patches, directions, bound, (clipped, unseen), lights)
     return SkyLit(Environment(image.astype(np.float32), "estimated"), sunny > 0.5, sharp is not None, unsure)
+
+
+def _as_bright(scene: CapturedScene, before: NDArray[np.float64], after: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Radiance (H, W, 3) after a change of the sun, as bright as before in the median irradiance of the places; where
+    eyes stood within, under more sky, not darker than it was seen."""
+    lights = (Environment(each.astype(np.float32), "estimated") for each in (before, after))
+    was, now = (float(np.median(luminance(scene.direct(each)[scene.places.vertices]))) for each in lights)
+    gain = was / max(now, 1e-9)
+    return after * (gain if scene.looks is None else max(gain, 1.0))

@@ -29,7 +29,7 @@ CHOICES = ("estimated", "captured", "white")
 
 LEAST_ALBEDO = 0.02  # to divide by
 
-WAY = 17
+WAY = 18
 """Version of the estimate of light and albedo. It increases when the numbers change, and invalidates cached
 estimates."""
 
@@ -262,7 +262,7 @@ def _estimated(
     from ..albedo.check import self_relight
     from ..transfer.bounces import visible_fraction
 
-    known = relighter.transport(CAPTURE_OF_PLACE if relighter.scene.is_place else CAPTURE)
+    known = relighter.transport(CAPTURE_OF_PLACE if relighter.scene.is_place else CAPTURE, alone=True)
     with relighter.stages.stage("albedo"):
         scene, sky, part = relighter.scene, _sky_of(relighter.scene), None
         looks = looks_from(scene, relighter.occluder)

@@ -151,13 +151,14 @@ class Relighter:
             return self._posed.interreflection(rays, self._dynamic.transfer()[0])
         return self.precomputed.interreflection(rays, self.transfer)
 
-    def transport(self, settings: Settings) -> Transport:
+    def transport(self, settings: Settings, alone: bool = False) -> Transport:
         """The Transport of the white scene under Settings with bounces, for what builds on it. Leaves and grass are
-        volumes wherever they may be."""
+        volumes wherever they may be. alone: with no more rays than they say, however many are there."""
         settings = settings._replace(volume=CAPTURE_DIRECTIONS if self._everything.volume else 0)
-        transfer = self.precomputed.transfer(settings)[0]
-        bounces = self.precomputed.interreflection(settings.bounce_rays, transfer)
-        geometry = StaticGeometry(self.precomputed, self.stages)
+        precomputed = self.precomputed.alone(settings) if alone else self.precomputed
+        transfer = precomputed.transfer(settings)[0]
+        bounces = precomputed.interreflection(settings.bounce_rays, transfer)
+        geometry = StaticGeometry(precomputed, self.stages)
         return Transport(transfer[:, : settings.bands**2], bounces, lambda suns: geometry.sunlight(suns, settings))
 
     @property

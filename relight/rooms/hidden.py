@@ -8,8 +8,8 @@ stood to a surface. The rest of the room's hull is taken to be solid, for rays t
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import binary_erosion
 
 from splat2mesh.base.arrays import Floats, Mask
 from splat2mesh.scene.scene import Scene
@@ -66,7 +66,7 @@ def hidden_volumes(scene: Scene, occluder: Occluder) -> NDArray[np.float32]:
         left = left[occluder.occluded(np.hstack([centers[left], eye - centers[left]]), 1.0)]
     unseen = np.zeros(inside.shape, bool)
     unseen[tuple(cells[left].T)] = True
-    return _around(binary_erosion(unseen, np.ones((3, 3, 3)), ERODED), low, cell)
+    return _around(scipy.ndimage.binary_erosion(unseen, np.ones((3, 3, 3)), ERODED), low, cell)
 
 
 def kept_volumes(scene: Scene, occluder: Occluder, cache: Cache) -> NDArray[np.float32]:

@@ -1,5 +1,6 @@
 """Results that depend on the geometry alone: computed on first use, extended, not repeated, kept between runs."""
 
+import copy
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -163,6 +164,23 @@ class Precomputed:
         self._transfers[found[0]] = found[1]
         return found[1], settings._replace(rays=found[0][2], volume=leaf_directions(found[0]))
 
+    def alone(self, settings: Settings) -> "Precomputed":
+        """The Precomputed whose results under these Settings have no more rays than they say: itself, or where more is
+        there one that knows nothing of it. What follows from them does not depend on what ran before."""
+        settings = settings._replace(volume=settings.volume if self.foliage is not None else 0)
+        key, leaves = self._key(settings, settings.rays), self._leaves(settings)
+        known = {each for each in (*self._transfers, *self._keys()) if each[4] == self.seed}
+        serving, seen = {each for each in known if serves(each, settings, leaves)}, self._known_visibility(settings)
+        matrices = [rays for rays in self._matrices() if rays >= settings.bounce_rays]
+        as_wanted = serving == {key} if serving else seen is None
+        if as_wanted and min(matrices, default=settings.bounce_rays) == settings.bounce_rays:
+            return self
+        self._receivers = self.receivers  # found once, for both
+        apart = copy.copy(self)
+        apart.cache, apart._transfers, apart._interreflections = Cache(), {}, {}
+        apart._visibility = seen.first if seen is not None and seen.base == settings.rays else None
+        return apart
+
     def forget(self, settings: Settings) -> None:
         """Let go of what is in memory and does not serve these Settings: transfers, of which the next is computed, or
         read, from what was traced; and bounces of fewer rays."""
@@ -304,22 +322,8 @@ class Precomputed:
         if not self.receivers.all:
             mask = self.receivers.traced if mask is None else mask & self.receivers.traced
         traced = int(self.sizes.sum() if mask is None else mask.sum())
-        name = (
-            chunks_text(settings.shadowed),
-            self.seed,
-            self._with_receivers(self._volumes.key if settings.volume else SURFACES),
-        )
-        visibility = self._visibility
-        if visibility is None:
-            occluder, seed = self.occluder, self.seed
-            visibility = self.cache.restored(
-                lambda kept: Visibility.restored(occluder, int(kept["base"]), seed, kept["bits"], kept["traced"]),
-                "visibility",
-                *name,
-            )
-            if visibility is not None:
-                visibility.name, visibility.sparing = name, True
-        if visibility is not None and visibility.name == name and visibility.reaches(settings.rays):
+        name, visibility = self._name(settings), self._known_visibility(settings)
+        if visibility is not None and visibility.reaches(settings.rays):
             before, shot = visibility.rays, visibility.shot
             with self._stages.stage("rays", traced) as advance:
                 while visibility.rays < settings.rays:
@@ -338,6 +342,30 @@ class Precomputed:
                 bits = np.stack(visibility.bits)
                 self.cache.put("visibility", *name, base=visibility.base, bits=bits, traced=visibility.traced)
         return visibility
+
+    def _known_visibility(self, settings: Settings) -> "Visibility | None":
+        """The Visibility that is there for such Settings, of however many rays, or None."""
+        from .visibility import Visibility
+
+        name, visibility = self._name(settings), self._visibility
+        if visibility is not None:
+            return visibility if visibility.name == name else None
+        if not self.cache.settings_of("visibility"):
+            return None
+        occluder, seed = self.occluder, self.seed
+        visibility = self.cache.restored(
+            lambda kept: Visibility.restored(occluder, int(kept["base"]), seed, kept["bits"], kept["traced"]),
+            "visibility",
+            *name,
+        )
+        if visibility is not None:
+            visibility.name, visibility.sparing = name, True
+        return visibility
+
+    def _name(self, settings: Settings) -> tuple[str, int, str]:
+        """What a Visibility for such Settings is kept under."""
+        leaves = self._volumes.key if settings.volume else SURFACES
+        return chunks_text(settings.shadowed), self.seed, self._with_receivers(leaves)
 
     def _leaves(self, settings: Settings) -> str:
         """Text for a file's name that identifies the volumes."""

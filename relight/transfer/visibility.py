@@ -4,6 +4,8 @@ A ray is a bit, not six floats: its direction follows from the rank of its node 
 new rays, and more rays only the additional ones: 128 rays of a million vertices are 16 MB.
 """
 
+import copy
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -87,6 +89,13 @@ class Visibility:
     def rays(self) -> int:
         """Rays of every node so far."""
         return self.base * len(self.sets)
+
+    @property
+    def first(self) -> "Visibility":
+        """That of the first set of rays alone, which no doubling changed."""
+        found = copy.copy(self)
+        found.sets, found.bits, found.shot = self.sets[:1], self.bits[:1], 0
+        return found
 
     def reaches(self, rays: int) -> bool:
         """Whether these rays, doubled as often as `double` may, are as many."""

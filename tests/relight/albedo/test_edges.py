@@ -5,10 +5,12 @@ from functools import cache
 import numpy as np
 import pytest
 from captured_scenes import lit, patchy, sheet
+from scipy.spatial import cKDTree
 
 from relight import Environment
 from relight.albedo.captured import CapturedScene
-from relight.albedo.edges import sharpened, sun_at_edges
+from relight.albedo.edges import EDGES, sharpened, sun_at_edges
+from relight.albedo.shadows import shadows_of
 from relight.albedo.sun import Sun, lit_by
 from relight.transfer.bounces import with_bounces
 from relight.transfer.transport import Transport
@@ -76,16 +78,44 @@ def test_the_direction_of_a_sun_follows_from_the_edges_of_its_shadows(degrees, t
     assert found.width_deg <= 2.0
 
 
-def test_lit_and_shaded_neighbours_show_how_strong_a_sun_is():
+def test_cast_shadows_show_how_strong_a_sun_is():
     scene = photographed(IRRADIANCE)
     rest = Environment(np.full((16, 32, 3), 0.5 * SKY, np.float32), "sky")
-    weak, strong = (Sun(off(SUN, 6.0, 2.0), 7.0, np.zeros(0), np.full(3, each)) for each in (0.3, 4.0))
-    found = sharpened(scene, rest, weak, 1.0, sun_at_edges(scene, weak.direction))
-    assert found is not None and found.irradiance is not None
-    np.testing.assert_allclose(found.irradiance, 0.5 * IRRADIANCE, rtol=0.2)
-    kept = sharpened(scene, rest, strong, 0.75, sun_at_edges(scene, strong.direction))
-    assert kept is not None
-    np.testing.assert_array_equal(kept.irradiance, 3.0)
+    for strength, share in ((0.3, 1.0), (4.0, 0.75)):
+        lamp = Sun(off(SUN, 6.0, 2.0), 7.0, np.zeros(0), np.full(3, strength))
+        edges = sun_at_edges(scene, lamp.direction)
+        assert edges.shadows.deep and edges.nats_of_depth == 0.0
+        found, before = sharpened(scene, rest, lamp, share, edges), share * strength
+        shown = before * (found.irradiance / before) ** (1.0 / EDGES.weight)
+        np.testing.assert_allclose(shown, 0.5 * IRRADIANCE, rtol=0.2)
+
+
+def test_shadows_seen_at_their_edges_alone_make_a_sun_no_weaker():
+    scene = photographed(IRRADIANCE)
+    rest = Environment(np.full((16, 32, 3), 0.5 * SKY, np.float32), "sky")
+    weak, strong = (Sun(SUN, 7.0, np.zeros(0), np.full(3, each)) for each in (0.3, 4.0))
+    edges = sun_at_edges(scene, SUN)
+    edges = edges._replace(shadows=edges.shadows._replace(distance=0.01))
+    np.testing.assert_allclose(sharpened(scene, rest, weak, 1.0, edges).irradiance, 0.5 * IRRADIANCE, rtol=0.2)
+    np.testing.assert_array_equal(sharpened(scene, rest, strong, 0.75, edges).irradiance, 3.0)
+
+
+def test_blur_at_the_edges_does_not_hide_the_depth():
+    """The depth away from edges is that of the light, and stays so where the colours are blurred."""
+    scene = photographed(IRRADIANCE)
+    occluder, rows = scene.occluder, np.flatnonzero(scene.usable)
+    near = cKDTree(occluder.origins).query_ball_point(occluder.origins, 0.012)
+    blurred = np.stack([scene.captured[each].mean(axis=0) for each in near])
+    sharp, soft = (shadows_of(occluder, rows, each[rows], SUN) for each in (scene.captured, blurred))
+    assert abs(sharp.depth - soft.depth) < 0.1 * sharp.depth
+    assert shadows_of(occluder, rows[:100], scene.captured[rows[:100]], SUN) is None
+
+
+def test_a_sun_whose_shadows_are_shallow_is_doubted():
+    edges = sun_at_edges(photographed(IRRADIANCE), SUN)
+    shallow = edges.shadows._replace(log_captured=0.4 * edges.shadows.log_captured)
+    assert edges._replace(shadows=shallow).nats_of_depth < -2.0 and not edges._replace(shadows=shallow).clear
+    assert edges._replace(shadows=shallow._replace(distance=0.01)).nats_of_depth == 0.0
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.3])

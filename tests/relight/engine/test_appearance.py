@@ -67,6 +67,22 @@ def test_an_estimate_is_kept_and_comes_back_to_the_bit(table, tmp_path):
     assert looks[0].capture == looks[1].capture
 
 
+def test_an_estimate_does_not_depend_on_what_was_traced_before(table, tmp_path):
+    """More rays in memory, more rays kept, rays that are no multiple of its own: the same bytes."""
+    scene = Scene([table[0]])
+    fresh = appearance_of("estimated", None, Relighter(scene))
+    for rays, bounces, bands in ((256, 64, 10), (48, 20, 8), (100, 32, 6)):
+        kept = Cache(tmp_path / str(rays), geometry_key(scene))
+        before = Relighter(scene, rays=rays, bands=bands, cache=kept)
+        before.precomputed.interreflection(bounces, before.transfer)
+        for relighter in (before, Relighter(scene, cache=kept)):
+            kept.drop("albedo", *next(iter(kept.settings_of("albedo")), ()))
+            look = appearance_of("estimated", None, relighter)
+            np.testing.assert_array_equal(look.albedo, fresh.albedo)
+            np.testing.assert_array_equal(look.irradiance, fresh.irradiance)
+            assert look.capture == fresh.capture
+
+
 def test_every_object_of_a_layout_is_taken_out_of_its_own_light(table):
     other, _ = captured_mesh("tabletop", 5, "noon", (9.0, 0.0, 0.0))
     objects = [{"name": "one", "chunks": [0, 1]}, {"name": "two", "chunks": [1, 2]}]
