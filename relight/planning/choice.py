@@ -331,10 +331,9 @@ class Choice:
         """The highest of LEVELS at which the light is cut off smooth enough for so many bands, or the smoothest."""
         key = bands, sun_tolerance
         if key not in self._known_levels:
-            levels = range(len(sun_split.LEVELS))
-            errors = [self.measured.truncation(bands, level) for level in levels]
-            good = [level for level in levels if errors[level] <= 0.5 * sun_tolerance]
-            self._known_levels[key] = good[0] if good else int(np.argmin(errors))
+            errors = [self.measured.truncation(bands, level) for level in range(len(sun_split.LEVELS))]
+            good = (level for level, error in enumerate(errors) if error <= 0.5 * sun_tolerance)
+            self._known_levels[key] = next(good, int(np.argmin(errors)))
         return self._known_levels[key]
 
     def _split(self, key: tuple[int, float]) -> None:

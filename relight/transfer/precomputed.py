@@ -1,19 +1,16 @@
 """Results that depend on the geometry alone: computed on first use, extended, not repeated, kept between runs."""
 
 import copy
-from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from splat2mesh.base.arrays import Floats, Mask, Transfer
+from splat2mesh.base.arrays import Mask, Transfer
 from splat2mesh.base.progress import Stages
 from splat2mesh.scene.scene import Scene
 
 from .analytic import analytic
-from .bounce_places import BouncePlaces
-from .bounces import Interreflection, visible_fraction
 from .kept import (
     SURFACES,
     Key,
@@ -26,24 +23,20 @@ from .kept import (
     serves,
     stands_for,
 )
+from .kept_bounces import KeptBounces
 from .neighbors import Neighbors
 from .receivers import Receivers
 from .settings import Settings
-from .store import Cache, array_key
+from .store import Cache
 from .volume import Foliage
 
 if TYPE_CHECKING:
-    from .occluder import Occluder
     from .visibility import Visibility
 
 KEPT_IN_MEMORY = 2  # transfers of different settings: of a million vertices in 8 bands each takes 256 MB
 
-ALIKE = 2
-"""Largest factor of rays up to which existing bounces serve a request for fewer. Of more, so many are taken: they are
-as good as those that were asked for, and quicker than all."""
 
-
-class Precomputed:
+class Precomputed(KeptBounces):
     """Occluder, visibility, transfer and interreflection of a scene.
 
     A transfer of more bands or more rays than requested serves as well: its first bands are the transfer of fewer. From
@@ -60,73 +53,20 @@ class Precomputed:
         stages: Stages | None = None,
         shown: Callable[[], Mask] | None = None,
     ) -> None:
-        self.scene, self.seed = scene, seed
-        self.sizes = np.array([len(chunk.vertices) for chunk in scene.chunks])
-        self.cache = Cache() if cache is None else cache
-        self.rays_traced = 0
-        self._stages = stages or Stages()
-        self._occluder: Occluder | None = None
+        super().__init__(scene, seed, cache, stages, shown)
         self._visibility: Visibility | None = None
-        self._receivers: Receivers | None = None
-        self._shown = shown
         self.foliage = Foliage.of_scene(scene)
         self._transfers: dict[Key, Transfer] = {}
-        self._interreflections: dict[int, tuple[Interreflection, Transfer | None]] = {}  # and its scale
-
-    @property
-    def occluder(self) -> "Occluder":
-        """The Occluder of the whole scene."""
-        if self._occluder is None:
-            from .occluder import Occluder
-
-            with self._stages.stage("occluder"):
-                self._occluder = Occluder(self.scene.vertices, self.scene.normals, self.scene.faces)
-                if self.scene.capture.get("from") == "inside":
-                    from ..rooms.hidden import kept_volumes
-
-                    self._occluder.shut(kept_volumes(self.scene, self._occluder, self.cache))
-        return self._occluder
 
     @property
     def _neighbors(self) -> Neighbors:
         """The Neighbors of the occluder."""
-        if self._visibility is not None:
-            return self._visibility.neighbors
-        occluder = self.occluder
-        return Neighbors(occluder.origins, occluder.normals, occluder.faces)
-
-    @property
-    def receivers(self) -> Receivers:
-        """The Receivers of the scene."""
-        if self._receivers is None:
-            self._receivers = self._found() if self._shown is not None else Receivers.every(int(self.sizes.sum()))
-        return self._receivers
-
-    @property
-    def partly(self) -> bool:
-        """Whether light is found exactly only where it is shown."""
-        return self._shown is not None
-
-    @property
-    def traced(self) -> Mask | None:
-        """(V,) bool, the vertices that light is traced for; None for all."""
-        return None if self.receivers.all else self.receivers.traced
+        return super()._neighbors if self._visibility is None else self._visibility.neighbors
 
     @property
     def _volumes(self) -> Foliage:
         assert self.foliage is not None  # no Settings have a volume without
         return self.foliage
-
-    def _found(self) -> Receivers:
-        assert self._shown is not None  # else all are traced
-        shown, occluder = self._shown(), self.occluder
-        key = array_key(shown)
-        with self._stages.stage("receivers"):
-            found = self.cache.restored(lambda kept: Receivers.restored(kept, shown), "receivers", key)
-            if found is None:
-                found = Receivers.of_shown(shown, occluder)
-                self.cache.put("receivers", key, **found.arrays())
-        return found
 
     def there(self) -> Callable[[Settings], tuple[bool, bool]]:
         """A function of Settings: (whether their transfer takes no ray, whether their bounces take none), as of now."""
@@ -138,18 +78,6 @@ class Precomputed:
             return any(serves(each, settings, leaves) for each in keys), most >= settings.bounce_rays
 
         return found
-
-    def begin(self) -> None:
-        """Begin to read the only Interreflection that is kept, beside other work."""
-        kept = self._matrices() if self._shown is None else []
-        if len(kept) == 1 and not self._interreflections:
-            self.cache.begin("bounces", kept[0], self.seed, self.receivers.key)
-
-    def _matrices(self) -> list[int]:
-        """Numbers of rays of the interreflections, in memory or cached."""
-        kept, name = self.cache.settings_of("bounces"), (self.seed, self.receivers.key)
-        found = {each[0] for each in kept if each[1:] == name and type(each[0]) is int}
-        return sorted(found | self._interreflections.keys())
 
     def transfer(self, settings: Settings) -> tuple[Transfer, Settings]:
         """(transfer (V, K) float32 of at least `settings.bands`, the Settings as done: with the rays and the directions
@@ -192,61 +120,6 @@ class Precomputed:
                     self._interreflections[rays] = matrix, None
         for rays in [rays for rays in self._interreflections if not 0 < settings.bounce_rays <= rays]:
             del self._interreflections[rays]
-
-    def interreflection(self, rays: int, transfer: Transfer) -> Interreflection:
-        """The Interreflection of the scene, so many rays per vertex or more; rows complement what `transfer` sees."""
-        for there in self._matrices():  # one that is kept may be gone by now: another run keeps one of more rays
-            found = there if there in self._interreflections else there >= rays and self._kept_as(there, rays, transfer)
-            if found >= rays:
-                rays = found
-                break
-        else:
-            self._interreflections[rays] = self._matrix(rays, visible_fraction(transfer)), transfer
-        matrix, scaled_to = self._interreflections[rays]
-        if scaled_to is not transfer:
-            matrix.scale_to(visible_fraction(transfer))
-            self._interreflections[rays] = matrix, transfer
-        return matrix
-
-    def _kept_as(self, rays: int, wanted: int, transfer: Transfer) -> int:
-        """Take over what is wanted of the Interreflection that is kept, of so many rays: how many, 0 without one."""
-        receivers, faces, visible = self.receivers, self.scene.faces, visible_fraction(transfer)
-        step = max(rays // (ALIKE * wanted), 1)
-
-        def made(kept: Mapping[str, NDArray[Any]]) -> Interreflection:
-            places = BouncePlaces.restored(kept, rays, len(faces), receivers.traced).thinned(step)
-            given = places, rays // step, self.occluder, visible, receivers, self._neighbors
-            of_rings = "rings", f"{rays}by{step}" if step > 1 else rays, self.seed, receivers.key, array_key(visible)
-
-            def again(kept: Mapping[str, NDArray[Any]]) -> Interreflection:
-                return Interreflection.of_places(*given, kept["share"])
-
-            found = self.cache.restored(again, *of_rings)
-            if found is None:
-                found = Interreflection.of_places(*given)
-                if found.ring_share is not None:
-                    self.cache.put(*of_rings, share=found.ring_share)
-            return found
-
-        with self._stages.stage("bounce rays kept"):
-            found = self.cache.restored(made, "bounces", rays, self.seed, receivers.key)
-        if found is not None:
-            self._interreflections[rays // step] = found, transfer
-        return 0 if found is None else rays // step
-
-    def _matrix(self, rays: int, visible: Floats) -> Interreflection:
-        """The Interreflection, traced, and cached instead of those with slightly fewer rays."""
-        occluder, receivers = self.occluder, self.receivers
-        with self._stages.stage("bounce rays", len(receivers.rows)) as advance:
-            places = BouncePlaces.shot(occluder, rays, self.seed, advance, receivers)
-            found = Interreflection.of_places(places, rays, occluder, visible, receivers, self._neighbors)
-        self.rays_traced += rays * len(receivers.rows)
-        with self._stages.stage("keep"):
-            self.cache.put("bounces", rays, self.seed, receivers.key, **places._asdict())
-            for fewer in self._matrices():
-                if rays // ALIKE <= fewer < rays:
-                    self.cache.drop("bounces", fewer, self.seed, receivers.key)
-        return found
 
     def _kept(self, settings: Settings) -> tuple[Key, Transfer] | None:
         """(key, transfer) of the smallest kept transfer that serves, or None."""
