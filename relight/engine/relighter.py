@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -102,6 +103,10 @@ class Relighter:
         self.scene = as_scene(scene)
         self.stages = Stages() if stages is None else stages
         self.precomputed = precomputed or Precomputed(self.scene, self.options.seed, cache, self.stages, shown)
+        if self.scene.capture.get("from") == "inside":
+            from ..rooms.hidden import kept_volumes
+
+            self.precomputed.solid = partial(kept_volumes, self.scene, self.precomputed.cache)
         self._direct_light = self._lit(StaticGeometry(self.precomputed, self.stages))
         self._everything = self.options.unplanned
         if self.precomputed.foliage is None:

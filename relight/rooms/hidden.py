@@ -11,7 +11,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from splat2mesh.base.arrays import Floats, Mask
+from splat2mesh.base.arrays import Floats, Integers, Mask
 from splat2mesh.scene.scene import Scene
 
 from ..albedo import samples
@@ -30,8 +30,14 @@ ERODED = 1
 SIDES, TRIMMED = 64, 0.01
 """Planes of the hull, and the part of the visible surface beyond each: what windows show outside, and frames."""
 
-TRIED = 4
-"""Directions from each surface seen, to tell a closed room before any light is computed."""
+TRIED, TRIED_EACH = 4, 16
+"""Directions from each surface seen, to tell a closed room before any light is computed, and what stands outside it."""
+
+BATCH = 1 << 16
+"""Vertices whose rays are traced at once."""
+
+OUTDOORS = 0.35
+"""Part of the sky from which on a surface stands outside, seen through a window: sills have up to a half of it."""
 
 
 def hidden_volumes(scene: Scene, occluder: Occluder) -> NDArray[np.float32]:
@@ -59,7 +65,11 @@ def hidden_volumes(scene: Scene, occluder: Occluder) -> NDArray[np.float32]:
     seen = seen_from(occluder, np.arange(len(occluder.origins)), unit)
     if not seen.any():
         return none
-    low, cell, inside = _hull(occluder.origins[seen].astype(np.float64), samples.vertex_areas(occluder)[seen])
+    indoors = np.flatnonzero(seen)
+    indoors = indoors[_sky_seen(occluder, indoors, TRIED_EACH) < OUTDOORS]
+    if not len(indoors):
+        return none
+    low, cell, inside = _hull(occluder.origins[indoors].astype(np.float64), samples.vertex_areas(occluder)[indoors])
     cells = np.argwhere(inside)
     left, centers = np.arange(len(cells)), (low + (cells + 0.5) * cell).astype(np.float32)
     for eye in unit:
@@ -69,16 +79,16 @@ def hidden_volumes(scene: Scene, occluder: Occluder) -> NDArray[np.float32]:
     return _around(scipy.ndimage.binary_erosion(unseen, np.ones((3, 3, 3)), ERODED), low, cell)
 
 
-def kept_volumes(scene: Scene, occluder: Occluder, cache: Cache) -> NDArray[np.float32]:
+def kept_volumes(scene: Scene, cache: Cache, occluder: Occluder) -> NDArray[np.float32]:
     """Those of `hidden_volumes`, kept between runs.
 
     Parameters
     ----------
     scene : Scene
-    occluder : Occluder
-        The same scene to trace rays in.
     cache : Cache
         Of the scene.
+    occluder : Occluder
+        The same scene to trace rays in.
 
     Returns
     -------
@@ -109,12 +119,22 @@ def _sky_part(occluder: Occluder, eyes: NDArray[np.float32]) -> float:
     rows = rows[front]
     if not len(rows):
         return 1.0
-    # A unit vector around the normal: the cosine lobe. Each place takes others of the directions.
-    turn = (np.arange(len(rows))[:, None] * TRIED + np.arange(TRIED)) % LOOKS
-    toward = occluder.normals[rows, None] + directions[turn]
-    toward /= np.maximum(np.linalg.norm(toward, axis=2, keepdims=True), 1e-6)
-    origins = np.broadcast_to(occluder.origins[rows, None], toward.shape)
-    return float(1.0 - occluder.occluded(np.concatenate([origins, toward], axis=2).astype(np.float32)).mean())
+    return float(_sky_seen(occluder, rows, TRIED).mean())
+
+
+def _sky_seen(occluder: Occluder, rows: Integers, count: int) -> NDArray[np.float64]:
+    """Part of the sky that vertices (R,) see, of so many directions, weighted as matt surfaces weigh it."""
+    directions, free = fibonacci_sphere(LOOKS), np.zeros(len(rows))
+    for start in range(0, len(rows), BATCH):
+        part = rows[start : start + BATCH]
+        # A unit vector around the normal: the cosine lobe. Each place takes others of the directions.
+        turn = (7 * (start + np.arange(len(part)))[:, None] + np.arange(count) * (LOOKS // count)) % LOOKS
+        toward = occluder.normals[part, None] + directions[turn]
+        toward /= np.maximum(np.linalg.norm(toward, axis=2, keepdims=True), 1e-6)
+        origins = np.broadcast_to(occluder.origins[part, None], toward.shape)
+        rays = np.concatenate([origins, toward], axis=2).astype(np.float32)
+        free[start : start + BATCH] = 1.0 - occluder.occluded(rays).mean(axis=1)
+    return free
 
 
 def _hull(points: Floats, weights: Floats) -> tuple[Floats, float, Mask]:

@@ -28,8 +28,10 @@ class KeptBounces:
     """Occluder, receivers and interreflections of a scene, computed on first use and kept between runs.
 
     rays_traced: how many rays were shot so far. shown: returns (V,) bool, the vertices whose light is shown; None for
-    all of them.
+    all of them. solid: set by the owner of a room, a function of its Occluder: what `Occluder.shut` takes.
     """
+
+    solid: "Callable[[Occluder], NDArray[np.float32]] | None" = None
 
     def __init__(
         self,
@@ -57,10 +59,8 @@ class KeptBounces:
 
             with self._stages.stage("occluder"):
                 self._occluder = Occluder(self.scene.vertices, self.scene.normals, self.scene.faces)
-                if self.scene.capture.get("from") == "inside":
-                    from ..rooms.hidden import kept_volumes
-
-                    self._occluder.shut(kept_volumes(self.scene, self._occluder, self.cache))
+                if self.solid is not None:
+                    self._occluder.shut(self.solid(self._occluder))
         return self._occluder
 
     @property

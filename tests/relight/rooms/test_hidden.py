@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from relight.engine.relighter import Relighter
 from relight.rooms import hidden
 from relight.transfer.occluder import Frame, Occluder
-from relight.transfer.precomputed import Precomputed
 from relight.transfer.store import Cache, geometry_key
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene
@@ -87,6 +87,22 @@ def test_no_sky_shines_through_an_open_cupboard_and_all_of_it_through_the_window
     assert not occluder.occluded(through_window).any()
 
 
+def test_what_is_seen_through_a_window_is_no_part_of_the_room(monkeypatch):
+    """A wall across the street: between it and the window nobody saw the sky, which steep light comes from."""
+    yard = scene_of([(part.vertices, part.normals, part.faces) for part in room().chunks] + [street()])
+    steep = ray(caster_of(yard)[1], (0, 0.1, 1.0), (0, 1.6, 2.0))
+    for outdoors, blocked in ((hidden.OUTDOORS, False), (2.0, True)):
+        monkeypatch.setattr(hidden, "OUTDOORS", outdoors)
+        occluder, _ = caster_of(yard)
+        occluder.shut(hidden.hidden_volumes(yard, occluder))
+        assert occluder.occluded(steep).all() == blocked
+
+
+def street():
+    """A wall 6 m before the window of `room`, 8 m high."""
+    return wall((6, -2, 8), (-12, 0, 0), (0, 8, 0))
+
+
 def test_between_surfaces_nothing_is_hidden():
     scene = room()
     occluder, frame = caster_of(scene)
@@ -109,12 +125,16 @@ def test_what_was_computed_for_other_standpoints_does_not_serve():
 
 def test_kept_volumes_serve_the_next_run_and_damaged_ones_do_not(tmp_path, monkeypatch):
     scene = room()
-    first = Precomputed(scene, 0, Cache(tmp_path, geometry_key(scene)))
+    first = precomputed_of(scene, tmp_path)
     through = ray(Frame.around(scene.vertices, scene.faces), (-0.9, 2.55, 0), (-2, 0.9, 0))
     assert first.occluder.occluded(through).all()
     with monkeypatch.context() as patch:
         patch.setattr(hidden, "hidden_volumes", lambda *_: pytest.fail("they were kept"))
-        again = Precomputed(scene, 0, Cache(tmp_path, geometry_key(scene)))
+        again = precomputed_of(scene, tmp_path)
         assert again.occluder.occluded(through).all()
     Cache(tmp_path, geometry_key(scene)).put("hidden", triangles=np.zeros((2, 3), np.float32))
-    assert Precomputed(scene, 0, Cache(tmp_path, geometry_key(scene))).occluder.occluded(through).all()
+    assert precomputed_of(scene, tmp_path).occluder.occluded(through).all()
+
+
+def precomputed_of(scene, folder):
+    return Relighter(scene, cache=Cache(folder, geometry_key(scene))).precomputed
