@@ -148,16 +148,33 @@ def _draw(
     picture: NDArray[np.float32],
 ) -> None:
     for tile in range(begin, end):
-        at, base = items[tile], tile * AREA
-        for run in range(runs[tile], runs[tile + 1]):
-            k = splats[run]
-            red, green, blue = colors[k, 0], colors[k, 1], colors[k, 2]
-            for i in range(at, at + counts[run]):
-                p, share = base + pixels[i], SHARES[shares[i]]
-                picture[p, 0] += share * red
-                picture[p, 1] += share * green
-                picture[p, 2] += share * blue
-            at += counts[run]
+        part = picture[tile * AREA : (tile + 1) * AREA]
+        draw_tile(tile, runs, items, splats, counts, pixels, shares, colors, part)
+
+
+@kernel
+def draw_tile(
+    tile: int,
+    runs: NDArray[np.int64],
+    items: NDArray[np.int64],
+    splats: NDArray[np.int32],
+    counts: NDArray[np.uint16],
+    pixels: NDArray[np.uint8],
+    shares: NDArray[np.uint8],
+    colors: NDArray[np.float32],
+    picture: NDArray[np.float32],
+) -> None:
+    """Add one tile of a Blending to its picture (AREA, 3 or more), of colours (N, 3)."""
+    at = items[tile]
+    for run in range(runs[tile], runs[tile + 1]):
+        k = splats[run]
+        red, green, blue = colors[k, 0], colors[k, 1], colors[k, 2]
+        for i in range(at, at + counts[run]):
+            p, share = np.int64(pixels[i]), SHARES[shares[i]]
+            picture[p, 0] += share * red
+            picture[p, 1] += share * green
+            picture[p, 2] += share * blue
+        at += counts[run]
 
 
 @shared

@@ -15,7 +15,7 @@ from splat2mesh.render.rasterize import ZERO
 from splat2mesh.render.screentiles import AREA
 
 from .blend_lists import SHARES
-from .blending import Blending, add_to
+from .blending import Blending, add_to, draw_tile
 
 
 class FitRounds(NamedTuple):
@@ -74,18 +74,9 @@ def _wanted(
 ) -> None:
     picture, counted = np.empty((AREA, 4), np.float32), np.empty(AREA, np.float32)
     for tile in range(first_tile + begin, first_tile + end):
-        at = items[tile]
         counted[:] = ZERO
         picture[:, :] = ZERO
-        for run in range(runs[tile], runs[tile + 1]):
-            k = splats[run]
-            red, green, blue = colors[k, 0], colors[k, 1], colors[k, 2]
-            for i in range(at, at + counts[run]):
-                p, share = np.int64(pixels[i]), SHARES[shares[i]]
-                picture[p, 0] += share * red
-                picture[p, 1] += share * green
-                picture[p, 2] += share * blue
-            at += counts[run]
+        draw_tile(tile, runs, items, splats, counts, pixels, shares, colors, picture)
         for q in range(first[tile], first[tile + 1]):
             p = known[q] - tile * AREA
             counted[p] = np.float32(1)
@@ -120,17 +111,8 @@ def _errors(
 ) -> None:
     picture, error = np.empty((AREA, 4), np.float32), np.empty((AREA, 4), np.float32)
     for tile in range(first_tile + begin, first_tile + end):
-        at = items[tile]
         picture[:, :], error[:, :] = ZERO, ZERO
-        for run in range(runs[tile], runs[tile + 1]):
-            k = splats[run]
-            red, green, blue = colors[k, 0], colors[k, 1], colors[k, 2]
-            for i in range(at, at + counts[run]):
-                p, share = np.int64(pixels[i]), SHARES[shares[i]]
-                picture[p, 0] += share * red
-                picture[p, 1] += share * green
-                picture[p, 2] += share * blue
-            at += counts[run]
+        draw_tile(tile, runs, items, splats, counts, pixels, shares, colors, picture)
         for q in range(first[tile], first[tile + 1]):
             p = known[q] - tile * AREA
             for c in range(3):
