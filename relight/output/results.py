@@ -70,7 +70,7 @@ class Results:
         texture_size: int | None = None,
         others: OwnWriters = OwnWriters(),
     ) -> None:
-        self._gloss, self._bound = written.gloss, written.binding
+        self._bound = written.binding
         self._live, self._engines, self._around = others.live, others.engines, others.around
         self._clean, self._passes = others.clean, others.passes
         self._relighter, self._appearance = written.relighter, written.appearance

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from ..engine.relighter import Shaded
     from ..texture import Baked
 
-BAKED = "relit_texture.glb", "albedo_texture.glb"
+FILES = "relit_texture.glb", "albedo_texture.glb"
 """Files of `--bake texture`."""
 
 
@@ -72,12 +72,12 @@ class SceneTextures:
         with self._stages.stage("write"):
             extras = {"environment": light.name, "angle_deg": light.rotation_deg, "exposure": shaded.exposure}
             others, picture = self._without_texture(self._shown(shaded)), png_bytes(self.picture(shaded))
-            write_textured_glb(folder / BAKED[0], part.scene, baked, picture, extras=extras, others=others)
+            write_textured_glb(folder / FILES[0], part.scene, baked, picture, extras=extras, others=others)
             gloss = None if self._gloss is None else self._gloss.roughness(self._appearance)
             gloss = None if gloss is None else part.values(gloss)
             others, picture = self._without_texture(self._albedo), png_bytes(baked.relit())
-            write_textured_glb(folder / BAKED[1], part.scene, baked, picture, False, gloss=gloss, others=others)
-            names = list(BAKED)
+            write_textured_glb(folder / FILES[1], part.scene, baked, picture, False, gloss=gloss, others=others)
+            names = list(FILES)
             if "transfer" in kinds:
                 names += write_transfer(folder, baked, part.values(self._relighter.transfer))
         return names, {"size": baked.atlas.size, "unseen_texels": baked.unseen}

@@ -116,6 +116,7 @@ class Cache:
 
     def put(self, kind: str, *settings: object, **arrays: ArrayLike) -> None:
         """Keep arrays. A disk that is full or read-only costs the next run its time, not this one its result."""
+        self._begun.pop((kind, *settings), None)
         if self.folder is None or not self.keeps:
             return
         with contextlib.suppress(OSError, InputError):  # the latter: another run keeps the same at the moment
@@ -128,6 +129,7 @@ class Cache:
 
     def drop(self, kind: str, *settings: object) -> None:
         """Remove what is kept under a kind and its settings, of this geometry."""
+        self._begun.pop((kind, *settings), None)
         if self.folder is not None and self.keeps and tuple(settings) in self.settings_of(kind):
             with contextlib.suppress(OSError):
                 self._path(self.folder, kind, settings).unlink()

@@ -36,6 +36,10 @@ def test_what_is_begun_comes_as_what_is_read_at_once_and_is_read_once(tmp_path):
     found = kept.get("transfer", 1)
     np.testing.assert_array_equal(found["values"], ARRAYS["values"])
     assert kept.get("transfer", 2) is None
+    kept.begin("transfer", 1)
+    kept.put("transfer", 1, values=ARRAYS["values"] + 1)  # what was begun is out of date
+    np.testing.assert_array_equal(kept.get("transfer", 1)["values"], ARRAYS["values"] + 1)
+    kept.begin("transfer", 1)
     kept.drop("transfer", 1)
     assert kept.get("transfer", 1) is None  # nothing of what was begun is left
     Cache().begin("transfer", 1)
