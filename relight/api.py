@@ -28,7 +28,7 @@ from splat2mesh.splats.splats import Splats
 
 from .engine.appearance import Appearance, appearance_of
 from .engine.relighter import Relighter, Shaded
-from .jobs.folders import lights_of, meshed_request, planned_request
+from .jobs.folders import first_light, meshed_request, planned_request
 from .jobs.job import Job
 from .jobs.session import session_of
 from .jobs.writer import Writer, report_of
@@ -260,7 +260,7 @@ def plan_relight(request: RelightRequest, stages: Stages | None = None) -> Relig
     if planned is None:
         note = f"{request.scene} is meshed first: splat2mesh {request.scene} --plan shows how. "
         return RelightPlan(None, note + "Light is planned once that is done.")
-    job = Job(planned.under(lights_of(planned)[0]), stages)
+    job = Job(planned.under(first_light(planned)), stages)
     lamps, bounces, count, picture = None, None, 0, None
     if job.asked_lamps and job.beside.lamp_light is not None:
         lamps, bounces, count = job.beside.lamp_light.plan, job.beside.lamp_light.bounce_plan, len(job.asked_lamps)
@@ -335,7 +335,7 @@ def _session(request: RelightRequest, stages: Stages) -> "SessionRequest":
     if len(request.angles_deg) > 1:
         raise InputError("`angles_deg`: a session has one angle")
     request, _ = meshed_request(request, stages)
-    session = session_of(Job(request.under(lights_of(request)[0]), stages))
+    session = session_of(Job(request.under(first_light(request)), stages))
     stages.close()
     return session
 

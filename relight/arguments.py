@@ -27,7 +27,7 @@ EXAMPLES = """examples:
   relight patio --insert statue.glb --at 1.55,0,-.6 --turn 30 --on floor   an object with its shadow
   relight city --env sunset --format splat --workers 8   a city that splat2mesh made in tiles
   relight garden --env noon --plan                 which effects this scene needs, and the cost of accuracy
-  relight garden --env hdris/ --sheet              every light of a folder, and one picture of them all
+  relight garden --env noon --env hdris/ --sheet   several lights, and one picture of them all
   relight garden --env sunset --format web         relit.html: a page that relights in any browser
 
 Every result folder holds report.json: inputs, settings, times, warnings. A mesh file gets the folder ./NAME_relit/."""
@@ -87,9 +87,10 @@ def parser() -> argparse.ArgumentParser:
     names = ", ".join(BUILTIN)
     add(
         "--env",
+        action="append",
         metavar="FILE|NAME|FOLDER",
-        help=f".exr or .hdr file, a folder of them (one result each), {names}, or captured, the light of the capture "
-        "(default: captured with added lamps or objects or a changed captured light, else studio)",
+        help=f".exr or .hdr file, a folder of them, {names}, or captured, the light of the capture; repeatable "
+        "(one result each; default: captured with added lamps or objects or a changed captured light, else studio)",
     )
     rotate = (
         "turn the light about +y, counter-clockwise from above; a range (end included) makes a folder for each angle"

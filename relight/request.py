@@ -7,7 +7,7 @@ import math
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
 from splat2mesh.base.choices import check_choice
 from splat2mesh.base.errors import InputError
@@ -54,9 +54,10 @@ class RelightRequest:
     ----------
     scene : scene, mesh or path
         A Scene, a scene folder, a mesh file or mesh object, a splat (which is meshed first), or a city in tiles.
-    env : Environment, path or name
+    env : Environment, path or name, or several of them
         The light: an `.exr` or `.hdr` file, a folder of them, one of studio, overcast, sunset, noon, or "captured",
         the light of the capture; "auto" is captured if something is added or that light changes, otherwise studio.
+        Several light the scene one after another.
     sun : str
         Replaces `env` by the clear sky of a date and time with its zone, such as "2026-06-21T19:30+02:00".
     at : str
@@ -130,7 +131,7 @@ class RelightRequest:
     """
 
     scene: "AnyScene"
-    env: AnyLight = AUTO
+    env: "AnyLight | Sequence[AnyLight]" = AUTO
     lighting: LightingOptions = field(default_factory=LightingOptions)
     angles_deg: Sequence[float] = (0.0,)
     sun: str = ""
@@ -172,6 +173,8 @@ class RelightRequest:
             object.__setattr__(self, name, tuple(getattr(self, name)))
         if self.formats is not None:
             object.__setattr__(self, "formats", tuple(self.formats))
+        if isinstance(self.env, (list, tuple)):
+            object.__setattr__(self, "env", self.env[0] if len(self.env) == 1 else tuple(self.env) or AUTO)
         self._check_sun()
         changes = self.lighting.changes_captured_light or bool(self.inserted) or self.needs_no_light
         if self.env == AUTO:
@@ -204,7 +207,7 @@ class RelightRequest:
             raise InputError(f"`lights` {self.lights[0]}: only the formats live and web hold several lights")
         if self.clear_cache and self.caching != "keep":
             raise InputError("`clear_cache`: without a cache there is nothing to clear")
-        if self.env == CAPTURED and any(angle % 360.0 for angle in self.angles_deg):
+        if CAPTURED in self.envs and any(angle % 360.0 for angle in self.angles_deg):
             raise InputError("`angles_deg`: the light of the capture cannot be turned; give another `env`")
         if self.animated and len(self.angles_deg) > 1:
             raise InputError("`angles_deg`: an animation has one angle")
@@ -236,6 +239,18 @@ class RelightRequest:
         if self.day and self.animated:
             raise InputError("`day`: an animation has one light")
         object.__setattr__(self, "env", self.env if isinstance(self.env, DaylightRequest) else asked)
+
+    @property
+    def envs(self) -> tuple[AnyLight, ...]:
+        """What `env` names, in order: one light or several, any of them a folder."""
+        return tuple(self.env) if isinstance(self.env, (list, tuple)) else (cast("AnyLight", self.env),)
+
+    @property
+    def light(self) -> AnyLight:
+        """The light. Raises InputError for several."""
+        if len(self.envs) > 1:
+            raise InputError(f"`env` {self.envs[1]}: one light is expected here; give {self.envs[0]} alone")
+        return self.envs[0]
 
     @property
     def needs_no_light(self) -> bool:

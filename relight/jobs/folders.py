@@ -107,17 +107,28 @@ def planned_request(request: RelightRequest) -> RelightRequest | None:
 
 
 def lights_of(request: RelightRequest) -> list[AnyLight]:
-    """Return the lights of a request: itself, or all that its folder holds, by name."""
-    env = request.env
+    """Return the lights of a request, in order; of a folder all that it holds, by name."""
     if request.day:
         return list(request.times)
+    found = [light for env in request.envs for light in _in_folder(env)]
+    if request.animated and len(found) > 1:
+        raise InputError(f"`env` {request.envs[-1]}: an animation has one light")
+    return found
+
+
+def first_light(request: RelightRequest) -> AnyLight:
+    """Return the light of a request, the first of a folder or of a day. Raises InputError for several."""
+    _ = request.light
+    return lights_of(request)[0]
+
+
+def _in_folder(env: AnyLight) -> list[AnyLight]:
+    """The light files in a folder, by name; of anything else itself."""
     if isinstance(env, (Environment, DaylightRequest)) or not Path(env).is_dir():
         return [env]
     found: list[AnyLight] = [str(path) for path in sorted(Path(env).iterdir()) if path.suffix.lower() in LIGHTS]
     if not found:
         raise InputError(f"`env` {env}: the folder holds no .exr and no .hdr file")
-    if request.animated and len(found) > 1:
-        raise InputError(f"`env` {env}: an animation has one light")
     return found
 
 
@@ -132,7 +143,7 @@ def output_folders(request: RelightRequest, lights: list[AnyLight]) -> list[Path
     for folder, (light, angle) in zip(folders, product(lights, angles), strict=True):
         if folders.count(folder) > 1:
             message = f"two of its lights would go into {folder}; rename one of their files"
-            raise InputError(f"`env` {request.env}: {message}")
+            raise InputError(f"`env` {request.envs[-1]}: {message}")
         turned = angle + (light.rotation_deg if isinstance(light, Environment) else 0.0)
         settings = None if request.animated else partial(settings_of, request, light, turned)
         check_results(folder, request.overwrite, settings)

@@ -50,7 +50,7 @@ class Inputs:
     def environment(self) -> Environment:
         """The light, not turned."""
         with self.stages.stage("environment"):
-            return light_of(self.request.env)
+            return light_of(self.request.light)
 
     @cached_property
     def read_scene(self) -> Scene:
@@ -175,5 +175,5 @@ class Inputs:
     @property
     def light_name(self) -> str:
         """The light as the report names it."""
-        env = self.request.env
+        env = self.request.light
         return env.name if isinstance(env, (Environment, DaylightRequest)) else str(env)

@@ -60,7 +60,7 @@ class Writer:
         """
         light = shaded.light
         report = report_of(self.job, shaded)
-        settings = settings_of(self.job.request, self.job.request.env, light.rotation_deg)
+        settings = settings_of(self.job.request, self.job.request.light, light.rotation_deg)
         check_results(folder, overwrite, lambda: settings)
         there = is_results(folder)
         folder = os.path.realpath(folder) if there else folder

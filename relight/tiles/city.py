@@ -118,7 +118,7 @@ class CityRun:
         self._albedo, self._exposure_ev, self._sky = request.albedo or "estimated", request.exposure_ev, request.sky
         self._overwrite, self._angle_deg = request.overwrite, request.angles_deg[0]
         self._formats = DEFAULT_FORMATS if request.formats is None else tuple(request.formats)
-        self._light = light_of(request.env).rotated(self._angle_deg)
+        self._light = light_of(request.light).rotated(self._angle_deg)
         self._city = _city_of(self._store)
         self._plan = CityPlan(**self._store.read_json(FILE)["plan"])
         name = f"{self._light.name}_{self._angle_deg:.6f}".rstrip("0").rstrip(".")

@@ -48,9 +48,9 @@ class Parser(argparse.ArgumentParser):
             return ""
         for action in self._actions:
             if self._given[at - 2] in action.option_strings and action.nargs is None:
-                folder = isinstance(action.metavar, str) and "FOLDER" in action.metavar
-                several = ": give a folder that holds them" if folder else ""
-                return f"{self._given[at - 2]} takes one value, found {self._given[at - 1]} and {word}{several}"
+                option, value = self._given[at - 2 : at]
+                several = f": give {option} before each" if isinstance(action, argparse._AppendAction) else ""
+                return f"{option} takes one value, found {value} and {word}{several}"
         return ""
 
 

@@ -52,6 +52,8 @@ def test_a_plan_reads_what_was_kept_and_leaves_it_alone(folder, tmp_path, capsys
     [
         (["--budget", "0"], "--budget must be a number above 0, found 0.0"),
         (["--budget", "1", "--tolerance", "0.1"], "--tolerance and --budget: expected one of them"),
+        (["--env", "noon", "--env", "sunset", "--plan"], "--env sunset: one light is expected here; give noon alone"),
+        (["--env", "noon", "--env", "sunset", "--view"], "--env sunset: one light is expected here; give noon alone"),
         (["--rays", "0"], "--rays per vertex must be a whole number"),
         (["--effects", "sun"], "--effects sun: sun, bounces and volume need shadows too"),
         (["--capture-env", "noon", "--albedo", "white"], "--capture-env: it needs an estimated albedo"),

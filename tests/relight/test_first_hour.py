@@ -111,6 +111,17 @@ def test_a_folder_that_is_in_the_way_is_left_alone(here, capsys):
     assert code == 2 and "ball exists and is not a scene folder" in err and not list((here / "ball").iterdir())
 
 
+def test_lights_given_one_by_one_and_in_a_folder_are_lit_in_their_order(here, capsys):
+    lights = here / "hdris"
+    lights.mkdir()
+    (lights / "grey.hdr").write_bytes(imagecodecs.rgbe_encode(np.full((8, 16, 3), 0.5, np.float32)))
+    assert run(capsys, "ball", "--env", "noon", "--env", "hdris", "--format", "npy", *FAST)[0] == 0
+    assert run(capsys, "ball", "--env", "hdris", "--format", "npy", "-o", "alone", *FAST)[0] == 0
+    together, alone = (np.load(here / name) for name in ("ball/relit/grey_0/radiance.npy", "alone/radiance.npy"))
+    assert np.array_equal(together, alone)
+    assert sorted(path.name for path in (here / "ball" / "relit").iterdir()) == ["grey_0", "noon_0"]
+
+
 def test_every_light_of_a_folder_is_lit_and_shown_on_one_sheet(here, capsys):
     lights = here / "hdris"
     lights.mkdir()

@@ -68,11 +68,11 @@ def test_a_nearly_right_option_is_reported_in_one_line(capsys):
 def test_a_second_value_is_reported_with_what_to_do_instead(capsys, words):
     parser = Parser(prog="tool")
     parser.add_argument("scene")
-    parser.add_argument("-e", "--env", metavar="FILE|FOLDER")
+    parser.add_argument("-e", "--env", action="append")
     with pytest.raises(SystemExit) as exit_:
         parser.parse_args(words)
     assert exit_.value.code == 2
-    message = f"{words[1]} takes one value, found b.exr and c.exr: give a folder that holds them"
+    message = f"{words[1]} takes one value, found b.exr and c.exr: give {words[1]} before each"
     assert capsys.readouterr().err == f"error: {message}; tool --help shows all\n"
 
 
