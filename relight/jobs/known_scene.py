@@ -106,9 +106,9 @@ class KnownScene(Inputs):
     """Returns the texture of mesh.glb without captured light; None where it was not begun."""
 
     def begin(self) -> None:
-        """Begin, beside the work on the light, to read what files need and no light changes.
+        """Begin, beside the work on the light, to read or make what files need and no light changes.
 
-        Splats that are not bound yet are bound later, by all cores, and damaged ones warn when they are.
+        Damaged splats are bound later, and warn then.
         """
         self.require("relighter")
         if not (self.keeps_captured or self.options.opened):
@@ -117,7 +117,7 @@ class KnownScene(Inputs):
             from ..splats import Binding
 
             splats, scene, cache, seed = self.splats[0], self.scene, self.cache, self.request.lighting.seed
-            if cache is not None and cache.settings_of("binding") and sound(splats).all():
+            if sound(splats).all():
                 self._begun_binding = Beside(lambda: Binding(splats, scene, seed=seed, cache=cache))
         self.require("appearance")
         if "glb" in self.formats:
