@@ -45,7 +45,7 @@ def evened(scene: CapturedScene, found: Estimate, volume: Floats | None = None) 
 
     volume: (V,) in [0, 1], how far each vertex is of leaves: these have no edges.
     """
-    occluder, judged = scene.occluder, scene.usable & (samples.roughness(scene.occluder) < ROUGHEST)
+    occluder, judged = scene.occluder, scene.usable & (scene.roughness < ROUGHEST)
     if volume is not None:
         judged &= volume < PATCHES.most_volume
     light = np.log(np.maximum(found.irradiance, LEAST))
