@@ -11,7 +11,6 @@ from splat2mesh.base.arrays import Floats, Mask
 from splat2mesh.scene.color import luminance
 
 from ..transfer.occluder import Occluder
-from . import samples
 from .captured import CapturedScene, Estimate
 from .division import albedo_of
 from .edges import ROUGHEST
