@@ -91,14 +91,14 @@ class BouncePlaces(NamedTuple):
         while len(sets) * base < rays:
             sets += sampling.next_sets(sets)
         parts = [self, *(self.shot(occluder, base, seed, advance, receivers, by) for by in sets[there // base :])]
-        used = np.sum([part.used for part in parts], axis=0, dtype=np.int32)
+        used = np.stack([part.used for part in parts]).sum(axis=0, dtype=np.int32)
         places = np.empty(used.sum(dtype=np.int64), self.places.dtype)
         at = np.append(0, np.cumsum(used, dtype=np.int64))[:-1]
         for part in parts:
             starts = np.append(0, np.cumsum(part.used, dtype=np.int64))
             in_slices(_lay, len(used), starts, part.places, at, places)
             at = at + part.used
-        hits = np.sum([part.hits for part in parts], axis=0, dtype=np.int32)
+        hits = np.stack([part.hits for part in parts]).sum(axis=0, dtype=np.int32)
         return self._replace(hits=hits, used=used, places=places)
 
     @classmethod

@@ -3,8 +3,7 @@ nothing is spared."""
 
 import numpy as np
 import pytest
-from hard_scenes import knobbed_torus
-from plan_scenes import difference
+from plan_scenes import ball, difference, mesh_of
 
 from relight.light.suns import Suns
 from relight.transfer import sun_consensus
@@ -16,8 +15,8 @@ EVERY = slice(None)
 
 @pytest.fixture(scope="module")
 def scene():
-    """A torus with knobs that shade each other."""
-    found = knobbed_torus(28_000)
+    """Two spheres of 9,900 vertices, one in the shade of the other."""
+    found = mesh_of(ball(resolution=70), ball(0.5, (0.9, 1.1, 0.5), 70))
     return found.vertices, found.normals, found.faces
 
 
