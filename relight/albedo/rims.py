@@ -8,6 +8,7 @@ import numpy as np
 import scipy
 
 from splat2mesh.base.arrays import Floats, Mask
+from splat2mesh.base.threads import in_batches
 from splat2mesh.scene.color import luminance
 
 from ..transfer.occluder import Occluder
@@ -35,6 +36,9 @@ RANGE = 5.0, 95.0
 SWAPPED = 0.4
 """Part of the difference between light and shade around, by which an albedo must be off: less may be other paint."""
 
+BATCH = 4096
+"""Vertices of the rim whose surroundings a core ranks at once."""
+
 LEAST = 1e-6
 """Linear light that counts as none."""
 
@@ -53,9 +57,16 @@ def evened(scene: CapturedScene, found: Estimate, volume: Floats | None = None) 
     if not len(rows) or len(beside) < AROUND:
         return found
     alike = np.hstack([occluder.origins, APART / np.sqrt(2.0) * occluder.normals])
-    near = beside[scipy.spatial.cKDTree(alike[beside]).query(alike[rows], AROUND)[1]]
+    near = beside[scipy.spatial.cKDTree(alike[beside]).query(alike[rows], AROUND, workers=-1)[1]]
     paint = np.log(np.maximum(scene.captured, LEAST)) - light
-    explained = np.clip(paint[rows], *np.percentile(paint[near], RANGE, axis=1))
+    bounds = np.empty((len(RANGE), len(rows), 3))
+
+    def ranked(part: slice) -> None:
+        for color in range(3):
+            bounds[:, part, color] = np.percentile(paint[near[part], color], RANGE, axis=1)
+
+    in_batches(ranked, len(rows), BATCH)
+    explained = np.clip(paint[rows], *bounds)
     darkest, brightest = light[near].min(axis=1), light[near].max(axis=1)
     span = (brightest - darkest).mean(axis=1)
     swapped = (np.abs(paint[rows] - explained).mean(axis=1) > SWAPPED * span) & (span > STEP)
