@@ -2,6 +2,7 @@
 
 import warnings
 from collections.abc import Callable
+from concurrent.futures import CancelledError
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -118,12 +119,23 @@ class KnownScene(Inputs):
 
             splats, scene, cache, seed = self.splats[0], self.scene, self.cache, self.request.lighting.seed
             if sound(splats).all():
-                self._begun_binding = Beside(lambda: Binding(splats, scene, seed=seed, cache=cache))
+                asked = splats, scene, None, seed, self._go_on, cache
+                self._begun_binding = Beside(lambda: Binding(*asked))
         self.require("appearance")
         if "glb" in self.formats:
             from ..texture import own_texture
 
             self.texture = Beside(own_texture(self.scene, self.appearance)).result
+
+    _left = False
+
+    def leave(self) -> None:
+        """Give up what was begun beside, for a run that ends early: a program waits for its threads."""
+        self._left = True
+
+    def _go_on(self, count: int) -> None:
+        if self._left:
+            raise CancelledError
 
     @cached_property
     def mirror(self) -> "FloorMirror | None":
