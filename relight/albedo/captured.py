@@ -4,6 +4,7 @@ light would light it.
 
 import math
 import warnings
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -131,9 +132,14 @@ class CapturedScene:
         self.under_sky = evidence.sky is not None and open_part > skylight.LEAST_OPEN
         wanted = self.usable & (visible > samples.MIN_VISIBLE)
         if self.under_sky:
-            flat = wanted & (samples.roughness(occluder) < samples.MAX_ROUGHNESS)
+            flat = wanted & (self.roughness < samples.MAX_ROUGHNESS)
             wanted = flat if np.count_nonzero(flat) >= samples.SAMPLES else wanted
         self.places = samples.take(occluder, self.areas, wanted, seed)
+
+    @cached_property
+    def roughness(self) -> NDArray[np.float64]:
+        """`samples.roughness` of the vertices, (V,)."""
+        return samples.roughness(self.occluder)
 
     def _traced(self) -> Transport:
         from ..transfer.bounces import Interreflection, visible_fraction
@@ -181,6 +187,11 @@ class CapturedScene:
     def direct(self, environment: Environment) -> NDArray[np.float32]:
         """Direct light on the white scene, (V, 3) float32, not negative."""
         return direct_light(self.occluder, self.transport.transfer, environment, self.transport.sunlit)
+
+    def direct_at_places(self, environment: Environment) -> NDArray[np.float32]:
+        """The same at the places alone, (N, 3) float32."""
+        known = self.transport
+        return direct_light(self.occluder, known.transfer, environment, known.sunlit, self.places.vertices)
 
     def result(
         self, environment: Environment, evidence: float, direct: Radiance | None = None, brighter: bool = True

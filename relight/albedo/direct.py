@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from splat2mesh.base.arrays import Transfer
+from splat2mesh.base.arrays import Indices, Transfer
 
 from ..transfer.occluder import Occluder
 from ..transfer.transport import Sunlit
@@ -20,8 +20,9 @@ def direct_light(
     transfer: Transfer,  # (V, K) of the white scene
     environment: "Environment",  # scene frame
     sunlit: Sunlit | None = None,  # what suns add; by default `sunlight` of the occluder
+    rows: Indices | None = None,  # (N,) vertices that are asked for; all without
 ) -> NDArray[np.float32]:
-    """Direct light on the white scene, (V, 3) float32, not negative: in the unit of the environment."""
+    """Direct light on the white scene, (V, 3) or (N, 3) float32, not negative: in the unit of the environment."""
     from ..light.sun_split import split
     from ..transfer.sunlight import sunlight
 
@@ -29,6 +30,7 @@ def direct_light(
     rest, suns = split(environment, bands)
     direct = transfer @ rest.sh(bands).astype(np.float32)
     if len(suns):
-        added = sunlight(occluder, slice(None), suns) if sunlit is None else sunlit(suns)
+        added = sunlight(occluder, slice(None), suns) if sunlit is None else sunlit(suns, rows)
         direct = direct if added is None else np.add(direct, added, out=direct)
+    direct = direct if rows is None else direct[rows]
     return np.maximum(direct, np.float32(0.0), out=direct)

@@ -148,7 +148,7 @@ def sun_at_edges(scene: CapturedScene, near: Vector, volume: Floats | None = Non
     """
     occluder, visible = scene.occluder, visible_fraction(scene.transport.transfer)
     good = scene.usable & (scene.areas > 0.0) & (visible > PATCHES.least_visible)
-    good &= samples.roughness(occluder) < ROUGHEST
+    good &= scene.roughness < ROUGHEST
     if volume is not None:
         good &= volume < PATCHES.most_volume
     rows = samples.places(occluder, scene.areas, good, POINTS, scene.seed)

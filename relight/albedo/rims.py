@@ -8,10 +8,10 @@ import numpy as np
 import scipy
 
 from splat2mesh.base.arrays import Floats, Mask
+from splat2mesh.base.threads import in_batches
 from splat2mesh.scene.color import luminance
 
 from ..transfer.occluder import Occluder
-from . import samples
 from .captured import CapturedScene, Estimate
 from .division import albedo_of
 from .edges import ROUGHEST
@@ -36,6 +36,9 @@ RANGE = 5.0, 95.0
 SWAPPED = 0.4
 """Part of the difference between light and shade around, by which an albedo must be off: less may be other paint."""
 
+BATCH = 4096
+"""Vertices of the rim whose surroundings a core ranks at once."""
+
 LEAST = 1e-6
 """Linear light that counts as none."""
 
@@ -45,7 +48,7 @@ def evened(scene: CapturedScene, found: Estimate, volume: Floats | None = None) 
 
     volume: (V,) in [0, 1], how far each vertex is of leaves: these have no edges.
     """
-    occluder, judged = scene.occluder, scene.usable & (samples.roughness(scene.occluder) < ROUGHEST)
+    occluder, judged = scene.occluder, scene.usable & (scene.roughness < ROUGHEST)
     if volume is not None:
         judged &= volume < PATCHES.most_volume
     light = np.log(np.maximum(found.irradiance, LEAST))
@@ -54,9 +57,16 @@ def evened(scene: CapturedScene, found: Estimate, volume: Floats | None = None) 
     if not len(rows) or len(beside) < AROUND:
         return found
     alike = np.hstack([occluder.origins, APART / np.sqrt(2.0) * occluder.normals])
-    near = beside[scipy.spatial.cKDTree(alike[beside]).query(alike[rows], AROUND)[1]]
+    near = beside[scipy.spatial.cKDTree(alike[beside]).query(alike[rows], AROUND, workers=-1)[1]]
     paint = np.log(np.maximum(scene.captured, LEAST)) - light
-    explained = np.clip(paint[rows], *np.percentile(paint[near], RANGE, axis=1))
+    bounds = np.empty((len(RANGE), len(rows), 3))
+
+    def ranked(part: slice) -> None:
+        for color in range(3):
+            bounds[:, part, color] = np.percentile(paint[near[part], color], RANGE, axis=1)
+
+    in_batches(ranked, len(rows), BATCH)
+    explained = np.clip(paint[rows], *bounds)
     darkest, brightest = light[near].min(axis=1), light[near].max(axis=1)
     span = (brightest - darkest).mean(axis=1)
     swapped = (np.abs(paint[rows] - explained).mean(axis=1) > SWAPPED * span) & (span > STEP)

@@ -49,7 +49,7 @@ def beside_alone(scene: CapturedScene, light: SkyLit, alone: Environment) -> Sky
 
     The latter as bright as the former, in the median irradiance of the places: pairs of places show no brightness.
     """
-    under, other = (luminance(scene.direct(each)[scene.places.vertices]) for each in (light.environment, alone))
+    under, other = (luminance(scene.direct_at_places(each)) for each in (light.environment, alone))
     gain = np.float32(np.median(under) / max(float(np.median(other)), 1e-9))
     radiance = 0.5 * (light.environment.radiance + gain * alone.radiance)
     return SkyLit(Environment(radiance.astype(np.float32), "estimated"), False)
@@ -128,6 +128,6 @@ def _as_bright(scene: CapturedScene, before: NDArray[np.float64], after: NDArray
     """Radiance (H, W, 3) after a change of the sun, as bright as before in the median irradiance of the places; where
     eyes stood within, under more sky, not darker than it was seen."""
     lights = (Environment(each.astype(np.float32), "estimated") for each in (before, after))
-    was, now = (float(np.median(luminance(scene.direct(each)[scene.places.vertices]))) for each in lights)
+    was, now = (float(np.median(luminance(scene.direct_at_places(each)))) for each in lights)
     gain = was / max(now, 1e-9)
     return after * (gain if scene.looks is None else max(gain, 1.0))

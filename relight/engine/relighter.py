@@ -164,7 +164,9 @@ class Relighter:
         transfer = precomputed.transfer(settings)[0]
         bounces = precomputed.interreflection(settings.bounce_rays, transfer)
         geometry = StaticGeometry(precomputed, self.stages)
-        return Transport(transfer[:, : settings.bands**2], bounces, lambda suns: geometry.sunlight(suns, settings))
+        return Transport(
+            transfer[:, : settings.bands**2], bounces, lambda suns, rows: geometry.sunlight(suns, settings, rows)
+        )
 
     @property
     def leaves(self) -> str:

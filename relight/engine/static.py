@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from splat2mesh.base.arrays import Transfer
+from splat2mesh.base.arrays import Indices, Transfer
 from splat2mesh.base.progress import Stages
 
 from ..transfer.sunlight import sunlight, sunlight_at
@@ -14,6 +14,11 @@ if TYPE_CHECKING:
     from ..light.suns import Suns
     from ..transfer.precomputed import Precomputed
     from ..transfer.settings import Settings
+
+
+SPARING_FROM = 6e-4
+"""Error that suns may leave from which on some rays to them are spared: at least that of a tolerance of 1%, of which
+sparing takes .0025 at most (two gardens of leaves and an object)."""
 
 
 class StaticGeometry:
@@ -29,22 +34,28 @@ class StaticGeometry:
         """(transfer (V, K) float32 of at least `settings.bands`, the Settings with the rays it really has)."""
         return self._precomputed.transfer(settings)
 
-    def sunlight(self, suns: "Suns", settings: "Settings") -> NDArray[np.float32] | None:
-        """(V, 3) float32 of the suns. Where no shadows are wanted they are harmonics: a cosine needs no more."""
+    def sunlight(self, suns: "Suns", settings: "Settings", rows: Indices | None = None) -> NDArray[np.float32] | None:
+        """(V, 3) float32 of the suns. Where no shadows are wanted they are harmonics: a cosine needs no more. Given
+        `rows`, (N,) vertices, others may be left out, and every ray is traced."""
         if not len(suns):
             return None
-        light = self._on_surfaces(suns, settings)
+        light = self._on_surfaces(suns, settings, rows)
         if settings.volume and self._precomputed.foliage is not None:
             with self._stages.stage("sunlight"):
                 light = self._precomputed.foliage.with_suns(light, suns)
         return light
 
-    def _on_surfaces(self, suns: "Suns", settings: "Settings") -> NDArray[np.float32]:
+    def _on_surfaces(self, suns: "Suns", settings: "Settings", rows: Indices | None) -> NDArray[np.float32]:
         occluder, count = self._precomputed.occluder, int(self._precomputed.sizes.sum())
         receivers = self._precomputed.receivers
+        if rows is not None and settings.shadowed is None and receivers.all:
+            light = np.zeros((count, 3), np.float32)
+            with self._stages.stage("sunlight", len(rows)) as advance:
+                light[rows] = sunlight(occluder, rows, suns, advance)
+            return light
         if settings.shadowed is None:
             with self._stages.stage("sunlight", len(receivers.rows)) as advance:
-                return sunlight_at(occluder, receivers, suns, advance)
+                return sunlight_at(occluder, receivers, suns, advance, settings.sun_tolerance >= SPARING_FROM)
         transfer, bands = self.transfer(settings)[0], settings.bands
         shadowed = np.repeat(settings.shadowed, self._precomputed.sizes)
         light = np.zeros((count, 3), np.float32)

@@ -165,7 +165,24 @@ def _relit(request: RelightRequest, stages: Stages, messages: list[str], notes: 
     if request.animated:
         note, report = writer.film(folders[0], request.fps, request.overwrite)
         return RelitFiles(folders, [report], notes=notes + [note] * bool(note), job=job)
-    job.begin()
+    try:
+        job.begin()
+        writer, reports = _written(writer, lights, folders, request.overwrite)
+    except BaseException:
+        job.leave()
+        raise
+    sheet = writer.write_sheet(folders[0].parent) if request.sheet and len(folders) > 1 else None
+    film = None
+    if request.day and "png" in writer.job.formats:
+        film, note = _film_of_day(folders, request)
+        notes = notes + [note] * bool(note)
+    return RelitFiles(folders, reports, sheet, notes, writer.job, film)
+
+
+def _written(
+    writer: Writer, lights: list[AnyLight], folders: list[Path], overwrite: bool
+) -> tuple[Writer, list[dict[str, Any]]]:
+    """Write light after light, the first with this Writer: (that of the last one, the report of each folder)."""
     reports: list[dict[str, Any]] = []
     left = iter(folders)
     for light in lights:
@@ -173,13 +190,8 @@ def _relit(request: RelightRequest, stages: Stages, messages: list[str], notes: 
         for shaded in writer.job.shaded():
             if len(reports) + 1 == len(folders):
                 writer.job.let_go(shaded)
-            reports.append(writer.write(shaded, next(left), request.overwrite))
-    sheet = writer.write_sheet(folders[0].parent) if request.sheet and len(folders) > 1 else None
-    film = None
-    if request.day and "png" in writer.job.formats:
-        film, note = _film_of_day(folders, request)
-        notes = notes + [note] * bool(note)
-    return RelitFiles(folders, reports, sheet, notes, writer.job, film)
+            reports.append(writer.write(shaded, next(left), overwrite))
+    return writer, reports
 
 
 def _exposure_of_day(request: RelightRequest, stages: Stages) -> float:

@@ -2,6 +2,7 @@
 
 import warnings
 from collections.abc import Callable
+from concurrent.futures import CancelledError
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -106,9 +107,9 @@ class KnownScene(Inputs):
     """Returns the texture of mesh.glb without captured light; None where it was not begun."""
 
     def begin(self) -> None:
-        """Begin, beside the work on the light, to read what files need and no light changes.
+        """Begin, beside the work on the light, to read or make what files need and no light changes.
 
-        Splats that are not bound yet are bound later, by all cores, and damaged ones warn when they are.
+        Damaged splats are bound later, and warn then.
         """
         self.require("relighter")
         if not (self.keeps_captured or self.options.opened):
@@ -117,13 +118,24 @@ class KnownScene(Inputs):
             from ..splats import Binding
 
             splats, scene, cache, seed = self.splats[0], self.scene, self.cache, self.request.lighting.seed
-            if cache is not None and cache.settings_of("binding") and sound(splats).all():
-                self._begun_binding = Beside(lambda: Binding(splats, scene, seed=seed, cache=cache))
+            if sound(splats).all():
+                asked = splats, scene, None, seed, self._go_on, cache
+                self._begun_binding = Beside(lambda: Binding(*asked))
         self.require("appearance")
         if "glb" in self.formats:
             from ..texture import own_texture
 
             self.texture = Beside(own_texture(self.scene, self.appearance)).result
+
+    _left = False
+
+    def leave(self) -> None:
+        """Give up what was begun beside, for a run that ends early: a program waits for its threads."""
+        self._left = True
+
+    def _go_on(self, count: int) -> None:
+        if self._left:
+            raise CancelledError
 
     @cached_property
     def mirror(self) -> "FloorMirror | None":

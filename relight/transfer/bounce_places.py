@@ -33,7 +33,7 @@ class BouncePlaces(NamedTuple):
     rows: (M,) int32, the vertices that rays start from, along a curve. hits: (V,) int32, how many of each vertex's met
     something. used: (M,) int32, how many of those met the front of a face. places: (P,) uint32 or uint64, where, row
     after row, as `bounce_rows.unpack` takes it. copies: (V,) int32, how many vertices agree with each in place and
-    normal.
+    normal. base: () int32, rays of each set: 1, 2 or 4 sets, one after the other in every row.
     """
 
     rows: NDArray[np.int32]
@@ -41,10 +41,17 @@ class BouncePlaces(NamedTuple):
     used: NDArray[np.int32]
     places: NDArray[np.unsignedinteger[Any]]
     copies: NDArray[np.int32]
+    base: NDArray[np.int32]
 
     @classmethod
     def shot(
-        cls, occluder: Occluder, rays: int, seed: int, advance: Advance, receivers: Receivers | None = None
+        cls,
+        occluder: Occluder,
+        rays: int,
+        seed: int,
+        advance: Advance,
+        receivers: Receivers | None = None,
+        by: tuple[float, float] = (0.0, 0.0),  # of `sampling.next_sets`
     ) -> "BouncePlaces":
         """Trace them, from all vertices or those that Receivers name. A row depends on its vertex, the seed and the
         scene, not on vertex order or threads. Raises InputError for rays outside 1..65536."""
@@ -61,13 +68,38 @@ class BouncePlaces(NamedTuple):
         for start in range(0, len(rows), batch):
             part = rows[start : start + batch]
             some, shot, met = used[start : start + batch], buffer[: len(part)], np.zeros(len(part), np.int32)
-            sampling.shoot(occluder.origins[part], occluder.normals[part], azimuths, seed, shot)
+            sampling.shoot(occluder.origins[part], occluder.normals[part], azimuths, seed, shot, by)
             first = occluder.first_hits(shot)[1:]
             in_slices(_meet, len(part), shot, *first, occluder.faces, occluder.normals, places, some, met)
             hits[part] = met
             found.append(places[: len(part)][np.arange(rays) < some[:, None]].astype(kind))
             advance(len(part))
-        return cls(rows.astype(np.int32), hits, used, np.concatenate([np.zeros(0, kind), *found]), copies)
+        places = np.concatenate([np.zeros(0, kind), *found])
+        return cls(rows.astype(np.int32), hits, used, places, copies, np.array(rays, np.int32))
+
+    def grows_to(self, rays: int) -> bool:
+        """Whether these rays, doubled as often as they may be, are as many."""
+        base = int(self.base)
+        return base < rays <= sampling.most_grown(base) and rays in (2 * base, 4 * base)
+
+    def grown(
+        self, there: int, occluder: Occluder, rays: int, seed: int, advance: Advance, receivers: Receivers | None = None
+    ) -> "BouncePlaces":
+        """These, so many rays of each vertex, and after them in every row those that lie between, up to `rays`: only
+        the latter are traced. For what was shot at the same occluder with the same seed and Receivers."""
+        base, sets = int(self.base), [(0.0, 0.0)]
+        while len(sets) * base < rays:
+            sets += sampling.next_sets(sets)
+        parts = [self, *(self.shot(occluder, base, seed, advance, receivers, by) for by in sets[there // base :])]
+        used = np.stack([part.used for part in parts]).sum(axis=0, dtype=np.int32)
+        places = np.empty(used.sum(dtype=np.int64), self.places.dtype)
+        at = np.append(0, np.cumsum(used, dtype=np.int64))[:-1]
+        for part in parts:
+            starts = np.append(0, np.cumsum(part.used, dtype=np.int64))
+            in_slices(_lay, len(used), starts, part.places, at, places)
+            at = at + part.used
+        hits = np.stack([part.hits for part in parts]).sum(axis=0, dtype=np.int32)
+        return self._replace(hits=hits, used=used, places=places)
 
     @classmethod
     def restored(cls, arrays: Mapping[str, NDArray[Any]], rays: int, faces: int, traced: Mask) -> "BouncePlaces":
@@ -76,14 +108,18 @@ class BouncePlaces(NamedTuple):
         Raises InputError or KeyError for what does not fit: loops trust it.
         """
         self = cls(*(arrays[name] for name in cls._fields))
-        rows, hits, used, places, copies = self
-        counts = rows.dtype == hits.dtype == used.dtype == copies.dtype == np.int32 and places.dtype.kind == "u"
-        fits = hits.shape == copies.shape == traced.shape and places.ndim == 1
+        rows, hits, used, places, copies, base = self
+        counts = all(each.dtype == np.int32 for each in (rows, hits, used, copies, base)) and places.dtype.kind == "u"
+        fits = hits.shape == copies.shape == traced.shape and places.ndim == 1 and base.shape == ()
         if not (counts and fits and rows.shape == used.shape == (np.count_nonzero(traced),)):
             raise InputError("kept bounces are of another kind")
         if min(each.min(initial=0) for each in (rows, hits, used, copies - 1)) < 0:
             raise InputError("kept bounces hold negative numbers")
-        if max(used.max(initial=0), hits.max(initial=0)) > rays or used.sum(dtype=np.int64) != len(places):
+        if (
+            rays not in (base, 2 * base, 4 * base)
+            or max(used.max(initial=0), hits.max(initial=0)) > rays
+            or used.sum(dtype=np.int64) != len(places)
+        ):
             raise InputError("kept bounces have another number of rays")
         named = np.zeros(len(traced), bool)
         named[rows[rows < len(named)]] = True
@@ -157,6 +193,16 @@ def _meet(
             found[v, count] = (np.int64(face) * SIDE + second) * SIDE + third
             count += 1
         used[v] = count
+
+
+@kernel
+def _lay(
+    begin: int, end: int, starts: NDArray[np.int64], places: Integers, at: NDArray[np.int64], laid: Integers
+) -> None:
+    """The places of each row v to where it begins, at[v]."""
+    for v in range(begin, end):
+        for i in range(starts[v + 1] - starts[v]):
+            laid[at[v] + i] = places[starts[v] + i]
 
 
 @kernel

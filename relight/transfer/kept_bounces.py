@@ -50,6 +50,7 @@ class KeptBounces:
         self._receivers: Receivers | None = None
         self._shown = shown
         self._interreflections: dict[int, tuple[Interreflection, Transfer | None]] = {}  # and its scale
+        self._traced: tuple[int, BouncePlaces] | None = None  # the last ones, and their rays, where no cache keeps them
 
     @property
     def occluder(self) -> "Occluder":
@@ -153,13 +154,35 @@ class KeptBounces:
     def _matrix(self, rays: int, visible: Floats) -> Interreflection:
         """The Interreflection, traced, and cached instead of those with slightly fewer rays."""
         occluder, receivers = self.occluder, self.receivers
-        with self._stages.stage("bounce rays", len(receivers.rows)) as advance:
-            places = BouncePlaces.shot(occluder, rays, self.seed, advance, receivers)
+        there, known = self._growing_to(rays)
+        sets = 1 if known is None else (rays - there) // int(known.base)
+        with self._stages.stage("bounce rays", sets * len(receivers.rows)) as advance:
+            asked = occluder, rays, self.seed, advance, receivers
+            places = BouncePlaces.shot(*asked) if known is None else known.grown(there, *asked)
             found = Interreflection.of_places(places, rays, occluder, visible, receivers, self._neighbors)
-        self.rays_traced += rays * len(receivers.rows)
+        self._traced = None if self.cache.keeps else (rays, places)
+        self.rays_traced += (rays - there) * len(receivers.rows)
         with self._stages.stage("keep"):
             self.cache.put("bounces", rays, self.seed, receivers.key, **places._asdict())
             for fewer in self._matrices():
                 if rays // ALIKE <= fewer < rays:
                     self.cache.drop("bounces", fewer, self.seed, receivers.key)
         return found
+
+    def _growing_to(self, rays: int) -> tuple[int, BouncePlaces | None]:
+        """The most rays whose hits are known and become so many by doubling, and those; 0 and None without."""
+        for there in (rays // 2, rays // 4):
+            known = self._known(there)
+            if known is not None and known.grows_to(rays):
+                return there, known
+        return 0, None
+
+    def _known(self, rays: int) -> BouncePlaces | None:
+        """The hits of so many rays, where they were traced or are kept."""
+        if self._traced is not None and self._traced[0] == rays:
+            return self._traced[1]
+        receivers, faces = self.receivers, len(self.scene.faces)
+        return self.cache.restored(
+            lambda kept: BouncePlaces.restored(kept, rays, faces, receivers.traced),
+            *("bounces", rays, self.seed, receivers.key),
+        )

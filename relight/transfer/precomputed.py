@@ -99,13 +99,13 @@ class Precomputed(KeptBounces):
         key, leaves = self._key(settings, settings.rays), self._leaves(settings)
         known = {each for each in (*self._transfers, *self._keys()) if each[4] == self.seed}
         serving, seen = {each for each in known if serves(each, settings, leaves)}, self._known_visibility(settings)
-        matrices = [rays for rays in self._matrices() if rays >= settings.bounce_rays]
-        as_wanted = serving == {key} if serving else seen is None
-        if as_wanted and min(matrices, default=settings.bounce_rays) == settings.bounce_rays:
+        wanted, as_wanted = settings.bounce_rays, serving == {key} if serving else seen is None
+        others = {rays for rays in self._matrices() if rays >= wanted or rays in (wanted // 2, wanted // 4)}  # or grows
+        if as_wanted and (not others or wanted in others):
             return self
         self._receivers = self.receivers  # found once, for both
         apart = copy.copy(self)
-        apart.cache, apart._transfers, apart._interreflections = Cache(), {}, {}
+        apart.cache, apart._transfers, apart._interreflections, apart._traced = Cache(), {}, {}, None
         apart._visibility = seen.first if seen is not None and seen.base == settings.rays else None
         return apart
 

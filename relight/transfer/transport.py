@@ -6,15 +6,16 @@ from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from splat2mesh.base.arrays import Transfer
+from splat2mesh.base.arrays import Indices, Transfer
 
 from ..light.suns import Suns
 
 if TYPE_CHECKING:
     from .bounces import Interreflection
 
-Sunlit: TypeAlias = Callable[[Suns], NDArray[np.float32] | None]
-"""Suns -> their light on the white scene, (V, 3), through leaves as the transfer has it; None without suns."""
+Sunlit: TypeAlias = Callable[[Suns, Indices | None], NDArray[np.float32] | None]
+"""(suns, vertices that are asked for, None for all) -> their light on the white scene, (V, 3), through leaves as the
+transfer has it; None without suns."""
 
 
 class Transport(NamedTuple):

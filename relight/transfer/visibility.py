@@ -23,13 +23,6 @@ from .occluder import Occluder
 BATCH_RAYS = 2**20
 """Rays in memory at once: 24 MiB."""
 
-MAX_DOUBLINGS = 2
-"""Sets of rays that grew by doubling are 3 to 8% noisier than one made at once after one or two steps (homer and spot,
-3 and 8 bands), up to 15% on others, more on regular grids; after three by 40%: the azimuths begin to line up."""
-
-MIN_GROWING = 16
-"""Fewer rays are not worth keeping for more: twice 8 rays have 12% more noise than 16."""
-
 
 class Visibility:
     """Visibility of all nodes of a scene along their rays.
@@ -75,7 +68,7 @@ class Visibility:
             raise InputError(f"kept visibility of shape {bits.shape} does not fit {expected[0]} nodes and {base} rays")
         self.bits, self.traced, self.sets = list(bits), traced, [(0.0, 0.0)]
         while len(self.sets) < len(bits):
-            self.sets += self._next_sets()
+            self.sets += sampling.next_sets(self.sets)
         return self
 
     def _begin(self, occluder: Occluder, base: int, seed: int) -> None:
@@ -99,12 +92,11 @@ class Visibility:
 
     def reaches(self, rays: int) -> bool:
         """Whether these rays, doubled as often as `double` may, are as many."""
-        grown = self.base << MAX_DOUBLINGS if self.base >= MIN_GROWING else self.base
-        return max(grown, self.rays) >= rays
+        return max(sampling.most_grown(self.base), self.rays) >= rays
 
     def double(self, advance: Advance = lambda count: None) -> None:
         """Trace as many rays again, between those there are."""
-        new = self._next_sets()
+        new = sampling.next_sets(self.sets)
         self.bits += [self._traced(each, advance) for each in new]
         self.sets += new
 
@@ -151,21 +143,9 @@ class Visibility:
             model[part][traced], rest[rows[part][traced]] = lines, block
         return model, rest
 
-    def _next_sets(self) -> list[tuple[float, float]]:
-        """The offsets that double the sets: each half a stratum further, and turned so that azimuths interleave evenly.
-
-        The azimuths of n points ranked by radius are multiples of a turn g; of 2 n points they are multiples of
-        g / 2, or g / 2 + 1/2, which is as far from every simple fraction.
-        """
-        turn = sampling.GOLDEN_TURN
-        for _ in range(len(self.sets).bit_length() - 1):
-            turn = (turn / 2 + 0.5) % 1.0
-        return [(shift + 0.5 / len(self.sets), (by + turn / 2 + 0.5) % 1.0) for shift, by in self.sets]
-
     def _offsets(self, each: tuple[float, float], nodes: Indices) -> NDArray[np.float32]:
         """The offsets of the rays of one set from some nodes, (N, 2) float32."""
-        offsets = sampling.offsets_of_ranks(nodes, self.seed) + np.array(each, np.float32)
-        return (offsets % np.float32(1.0)).astype(np.float32)
+        return sampling.moved(sampling.offsets_of_ranks(nodes, self.seed), each)
 
     def _shot(
         self, each: tuple[float, float], part: slice, buffer: NDArray[np.float32] | None = None

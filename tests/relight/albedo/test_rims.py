@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from relight.albedo import samples
 from relight.albedo.captured import Estimate
 from relight.albedo.division import Prior
 from relight.albedo.rims import evened
@@ -40,7 +41,8 @@ def estimated(floor, captured_shade, modelled_shade, usable=True):
     sky = Environment(np.ones((8, 16, 3), np.float32), "sky")
     prior = Prior(np.full(3, 0.4, np.float32), np.full(3, 1e-3, np.float32))
     found = Estimate(captured / irradiance, irradiance, sky, prior, 1.0, True, "", np.zeros(3), 0.0, np.ones(3), 1.0)
-    scene = SimpleNamespace(occluder=occluder, captured=captured, usable=np.full(len(points), usable))
+    seen = {"captured": captured, "usable": np.full(len(points), usable), "roughness": samples.roughness(occluder)}
+    scene = SimpleNamespace(occluder=occluder, **seen)
     return found, evened(scene, found)
 
 

@@ -1,6 +1,7 @@
 """Job: no work before it is asked for, stage after stage, and for a scene in memory what its folder gives."""
 
 import json
+from concurrent.futures import CancelledError
 
 import numpy as np
 import pytest
@@ -102,3 +103,11 @@ def test_splats_alone_take_the_light_of_all_vertices_that_is_kept(tmp_path):
     assert traced["kept", 0][0] > 0 and traced["kept", 1] == (0, False)
     assert 0 < traced["alone", 0][0] < traced["kept", 0][0] and traced["alone", 0][1]
     assert traced["alone", 1][0] > 0 and traced["alone", 2] == (0, True)
+
+
+def test_what_was_begun_beside_is_given_up_when_a_run_ends_early():
+    job = Job(RelightRequest("nowhere", "noon"))
+    job._go_on(1)
+    job.leave()
+    with pytest.raises(CancelledError):
+        job._go_on(1)

@@ -11,6 +11,7 @@ from relight.transfer import kept, store
 from relight.transfer.analytic import analytic
 from relight.transfer.bounce_places import BouncePlaces
 from relight.transfer.bounces import Interreflection, with_bounces
+from relight.transfer.settings import Settings
 from relight.transfer.store import Cache
 from splat2mesh.scene.meshfile import write_mesh_ply
 from splat2mesh.scene.scene import Scene
@@ -172,6 +173,42 @@ def test_twice_the_rays_trace_the_new_half(folder, noon):
     # What is there is not thrown away for less.
     fewer = opened(folder, rays=16)
     assert fewer.shading(noon).settings.rays >= 16 and fewer.rays_traced == 0
+
+
+@pytest.mark.parametrize("keeps", [True, False])
+def test_bounce_rays_that_are_known_are_a_part_of_more(folder, keeps):
+    """Of twice or four times as many, with a folder to keep them in or without one, to the same bit."""
+    scene = Scene.load(folder)
+    light = np.random.default_rng(1).random((len(scene.vertices), 3), np.float32)
+
+    def bounced(*steps):
+        relighter = opened(folder, rays=16) if keeps else Relighter(scene, rays=16)
+        _ = relighter.transfer
+        before = relighter.rays_traced
+        for rays in steps:
+            found = relighter.interreflection(rays).bounce(light)
+        if keeps:
+            relighter.cache.clear()
+        return found, (relighter.rays_traced - before) // len(scene.vertices)
+
+    (at_once, once), (grown, traced) = bounced(128), bounced(32, 64, 128)
+    assert (once, traced) == (128, 128)
+    assert bounced(32, 128)[1] == 128 and bounced(16, 128)[1] == 144 and bounced(48, 64)[1] == 112
+    np.testing.assert_array_equal(bounced(32, 128)[0], grown)
+    np.testing.assert_array_equal(bounced(32)[0], bounced(32)[0])
+    exact, few = bounced(2048)[0], bounced(32)[0]
+    assert difference(grown, exact) < 1.15 * difference(at_once, exact) < 0.7 * difference(few, exact)
+
+
+def test_the_capture_is_estimated_by_rays_of_its_own(folder):
+    """However many there are already, and wherever they came from."""
+    settings = Settings("raytraced", 3, 16, bounce_rays=32)
+    first = opened(folder, rays=16).precomputed.alone(settings).interreflection(32, opened(folder, rays=16).transfer)
+    opened(folder, rays=16).interreflection(16)
+    later = opened(folder, rays=16)
+    np.testing.assert_array_equal(
+        later.precomputed.alone(settings).interreflection(32, later.transfer).hits, first.hits
+    )
 
 
 def test_interreflection_comes_back_to_the_bit(folder, noon):

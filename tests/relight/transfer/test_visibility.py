@@ -10,7 +10,8 @@ from relight.transfer.analytic import analytic
 from relight.transfer.filtering import average, steps_for
 from relight.transfer.occluder import Occluder
 from relight.transfer.raytraced import offsets_by_rank, raytraced, raytraced_scene, trace
-from relight.transfer.visibility import MAX_DOUBLINGS, MIN_GROWING, Visibility, completed
+from relight.transfer.sampling import MAX_DOUBLINGS, MIN_GROWING
+from relight.transfer.visibility import Visibility, completed
 from splat2mesh.base.errors import InputError
 from splat2mesh.scene.scene import Scene
 
