@@ -63,8 +63,8 @@ def shown_as_sky(
     cache: Cache | None = None,  # of the scene
 ) -> Indices:
     """Rows (M,) of these Splats of a Scene that show the sky: of the far background, and of what hangs in the air
-    before it, also near surfaces where it is known from where the capture looked. In the windows of a closed room, and where all stays as captured, all of the background. What lies below
-    a floor that mirrors shows the room."""
+    before it, also near surfaces where it is known from where the capture looked. In the windows of a closed room, and
+    where all stays as captured, all of the background. What lies below a floor that mirrors shows the room."""
     rows = scene.background_splats
     indoors = appearance.room is not None or appearance.kept
     if not indoors and len(rows):

@@ -5,6 +5,7 @@ the rest is fuzzy. Candidates all around and inside free space are rendered smal
 and a greedy cover picks, one by one, the view that shows most of the least seen surface.
 """
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -13,10 +14,12 @@ from numpy.typing import NDArray
 
 from ..base import sphere
 from ..base.arrays import Bounds, Floats, Matrix3, Points, Vector
+from ..base.errors import DataWarning
 from ..render.opacityfield import FieldDepth, field_depth
 from ..render.view import View
 from ..splats.splats import Splats
 from .freespace import FreeSpace
+from .oneside import sharp_side
 
 OUTER_FOV_DEG, INNER_FOV_DEG = 40.0, 90.0
 CANDIDATE_PIXELS = 80
@@ -102,8 +105,25 @@ def virtual_views(
         cells, fuzz = _what_is_seen(field_depth(sketch, view, near), view, bounds)
         coverage.append(cells)
         fuzziness.append(fuzz)
+    if space is None:
+        candidates, coverage, fuzziness = _from_its_side(candidates, coverage, fuzziness, count, up)
     chosen = _cover(np.array(coverage), np.array(fuzziness), count)
     return [candidates[index].resized(pixels) for index in chosen]
+
+
+def _from_its_side(
+    candidates: list[View], coverage: list[NDArray[np.float32]], fuzziness: list[float], count: int, up: Vector
+) -> tuple[list[View], list[NDArray[np.float32]], list[float]]:
+    """The candidates, with what was found of them, that look from where the capture did, if that was one side. The
+    first `count` are those all around."""
+    backward = np.stack([-view.forward for view in candidates])
+    front = sharp_side(backward[:count], np.array(fuzziness[:count]), up)
+    if front is None:
+        return candidates, coverage, fuzziness
+    message = "captured from one side: sharp from there and blurred from behind; the back is left open or guessed"
+    warnings.warn(message, DataWarning, stacklevel=4)
+    kept = np.flatnonzero(backward @ front > 0.0)
+    return [candidates[k] for k in kept], [coverage[k] for k in kept], [fuzziness[k] for k in kept]
 
 
 def candidate_views(splats: Splats, count: int, up: Vector, seed: int = 0) -> list[View]:
