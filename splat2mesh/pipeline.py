@@ -254,7 +254,7 @@ def choose_views(
     with stages.stage("views"):
         if trained:
             return [view.resized(effort.pixels) for view in spread_out(trained, effort.views)]
-        return virtual_views(splats, effort.views, effort.pixels, up, seed)
+        return virtual_views(splats, effort.views, effort.pixels, up, seed, tell=True)
 
 
 def place_views(

@@ -49,8 +49,8 @@ class FloorCalibration:
     capture with surroundings has: .04 to .08 in places, 0 in objects, whose flat top must not be taken for a floor.
     leans_deg, leans_in_place_deg: how far from an axis a floor may lie, and where surroundings or a ceiling show that
     it is one. straight_deg: how near to an axis the capture is upright already. least_sharper: how much more detail a
-    side shows than the other, which was never seen: 1.9 and 2.2 in two captures from above, at most 1.1 all around. cover_in_place: least_cover where the capture is known
-    to be a place: .46 in a garden between towers.
+    side shows than the other, which was never seen: 1.9 and 2.2 in two captures from above, at most 1.1 all around.
+    cover_in_place: least_cover where the capture is known to be a place: .46 in a garden between towers.
     """
 
     provenance: ClassVar = Provenance(

@@ -84,13 +84,20 @@ def near_plane(bounds: Bounds) -> float:
 
 
 def virtual_views(
-    splats: Splats, count: int, pixels: int, up: Vector, seed: int = 0, space: FreeSpace | None = None
+    splats: Splats,
+    count: int,
+    pixels: int,
+    up: Vector,
+    seed: int = 0,
+    space: FreeSpace | None = None,
+    tell: bool = False,
 ) -> list[View]:
     """Choose `count` views of a splat, or up to a quarter more where parts of it would go unseen.
 
     splats: cleaned Splats. pixels: longer side of the views returned.
     up: (3,) unit, the up direction in the splat's frame. seed: for the jitter of the candidates. space: where all of
-    them stand, or None for anywhere.
+    them stand, or None for anywhere: then all look from the side that the capture looked from, if it was one.
+    tell: whether to warn of such a capture.
     Returns a list of View, the ones that show most first.
     """
     bounds = bounds_of(splats)
@@ -100,30 +107,24 @@ def virtual_views(
         free = space.holds(np.stack([view.center for view in candidates]))
         candidates = [view for view, stands in zip(candidates, free, strict=True) if stands]
     sketch = thinned(splats, np.random.default_rng(seed))
-    coverage, fuzziness = [], []
+    coverage, fuzziness, blur = [], [], []
     for view in candidates:
-        cells, fuzz = _what_is_seen(field_depth(sketch, view, near), view, bounds)
+        surface = field_depth(sketch, view, near)
+        cells, fuzz = _what_is_seen(surface, view, bounds)
         coverage.append(cells)
         fuzziness.append(fuzz)
-    if space is None:
-        candidates, coverage, fuzziness = _from_its_side(candidates, coverage, fuzziness, count, up)
+        blur.append(fuzz / max(_edges(surface), 1e-12))
+    backward = np.stack([-view.forward for view in candidates]) if candidates else np.zeros((0, 3))
+    front = sharp_side(backward[:count], np.array(blur[:count]), up) if space is None else None
+    if front is not None:
+        kept = np.flatnonzero(backward @ front > 0.0)
+        candidates, fuzziness = [candidates[k] for k in kept], [fuzziness[k] for k in kept]
+        coverage = [coverage[k] for k in kept]
+        if tell:
+            message = "captured from one side: sharp from there, a blur from behind; what no camera saw stays open"
+            warnings.warn(message, DataWarning, stacklevel=2)
     chosen = _cover(np.array(coverage), np.array(fuzziness), count)
     return [candidates[index].resized(pixels) for index in chosen]
-
-
-def _from_its_side(
-    candidates: list[View], coverage: list[NDArray[np.float32]], fuzziness: list[float], count: int, up: Vector
-) -> tuple[list[View], list[NDArray[np.float32]], list[float]]:
-    """The candidates, with what was found of them, that look from where the capture did, if that was one side. The
-    first `count` are those all around."""
-    backward = np.stack([-view.forward for view in candidates])
-    front = sharp_side(backward[:count], np.array(fuzziness[:count]), up)
-    if front is None:
-        return candidates, coverage, fuzziness
-    message = "captured from one side: sharp from there and blurred from behind; the back is left open or guessed"
-    warnings.warn(message, DataWarning, stacklevel=4)
-    kept = np.flatnonzero(backward @ front > 0.0)
-    return [candidates[k] for k in kept], [coverage[k] for k in kept], [fuzziness[k] for k in kept]
 
 
 def candidate_views(splats: Splats, count: int, up: Vector, seed: int = 0) -> list[View]:
@@ -193,8 +194,12 @@ def _judge(sketch: Splats, view: View, near: float, bounds: Bounds) -> tuple[flo
     """Blur of a view, and the amount of its edges."""
     surface = field_depth(sketch, view, near)
     _, fuzz = _what_is_seen(surface, view, bounds)
-    edges = np.abs(np.diff(np.where(surface.alpha[..., None] > 0.5, surface.color, 0.5), axis=1)).sum()
-    return fuzz, edges
+    return fuzz, _edges(surface)
+
+
+def _edges(surface: FieldDepth) -> float:
+    """The amount of the edges in the picture of a surface."""
+    return np.abs(np.diff(np.where(surface.alpha[..., None] > 0.5, surface.color, 0.5), axis=1)).sum()
 
 
 def _best_picture(pool: Sequence[tuple[View, float, float]]) -> View:
