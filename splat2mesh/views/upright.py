@@ -30,9 +30,9 @@ def upright(
     """The rotation of `scene_from_splat`, and what source it: one phrase.
 
     up: one of UP_CHOICES. "auto" asks the trained cameras `views` where there are any, else the floor of `splats`, else
-    assumes the usual frame of trained files, and says from which side it is brighter. Where the largest plane faces along
-    z, it is the floor of a place, but not of an object; `is_place` is called then, and tells. Raises InputError for
-    another `up`.
+    assumes the usual frame of trained files, and says from which side it is brighter. A largest plane that faces along
+    z is the floor of a place, but not of an object; `is_place` is called then, and tells. Raises InputError for another
+    `up`.
     """
     if up != "auto" or len(views):
         return scene_from_splat(up, views), "asked for" if up != "auto" else "the cameras"

@@ -38,6 +38,9 @@ PICTURE_FOV_DEG = 75.0
 SKETCH_SPLATS = 40_000
 """Gaussians in the sample that judges candidates: a view does not depend on every one of millions."""
 
+CLEARER = 4
+"""Gaussians over those of the sketch by which a capture is found to be one-sided."""
+
 COVER_GRID = 48
 """Cells along the longest side of the box in which coverage is counted."""
 
@@ -116,6 +119,10 @@ def virtual_views(
         blur.append(fuzz / max(_edges(surface), 1e-12))
     backward = np.stack([-view.forward for view in candidates]) if candidates else np.zeros((0, 3))
     front = sharp_side(backward[:count], np.array(blur[:count]), up) if space is None else None
+    if front is not None:  # also what has plain walls behind; the surfaces of a clearer sketch decide
+        clear = thinned(splats, np.random.default_rng(seed), CLEARER * SKETCH_SPLATS)
+        seen = [_what_is_seen(field_depth(clear, view, near), view, bounds)[1] for view in candidates[:count]]
+        front = sharp_side(backward[:count], np.array(seen), up)
     if front is not None:
         kept = np.flatnonzero(backward @ front > 0.0)
         candidates, fuzziness = [candidates[k] for k in kept], [fuzziness[k] for k in kept]
@@ -244,12 +251,13 @@ def _free_places(splats: Splats, bounds: Bounds, count: int, rng: np.random.Gene
     return points[chosen]
 
 
-def thinned(splats: Splats, rng: np.random.Generator) -> Splats:
-    """A sketch of a large splat: SKETCH_SPLATS of its Gaussians, widened so that they cover the same area."""
-    if len(splats) <= SKETCH_SPLATS:
+def thinned(splats: Splats, rng: np.random.Generator, most: int | None = None) -> Splats:
+    """A sketch of a large splat: `most`, or SKETCH_SPLATS, of its Gaussians, widened so that they cover the same area."""
+    most = SKETCH_SPLATS if most is None else most
+    if len(splats) <= most:
         return splats
-    kept = splats.take(np.sort(rng.choice(len(splats), SKETCH_SPLATS, replace=False)))
-    return replace(kept, scales=kept.scales * np.float32(np.sqrt(len(splats) / SKETCH_SPLATS)))
+    kept = splats.take(np.sort(rng.choice(len(splats), most, replace=False)))
+    return replace(kept, scales=kept.scales * np.float32(np.sqrt(len(splats) / most)))
 
 
 def _what_is_seen(surface: FieldDepth, view: View, bounds: Bounds) -> tuple[NDArray[np.float32], float]:
