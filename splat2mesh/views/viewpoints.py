@@ -252,7 +252,7 @@ def _free_places(splats: Splats, bounds: Bounds, count: int, rng: np.random.Gene
 
 
 def thinned(splats: Splats, rng: np.random.Generator, most: int | None = None) -> Splats:
-    """A sketch of a large splat: `most`, or SKETCH_SPLATS, of its Gaussians, widened so that they cover the same area."""
+    """A sketch of a large splat: `most`, or SKETCH_SPLATS, of its Gaussians, widened to cover the same area."""
     most = SKETCH_SPLATS if most is None else most
     if len(splats) <= most:
         return splats
