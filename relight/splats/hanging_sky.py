@@ -43,7 +43,7 @@ GRID_CELLS = 3_000_000
 """Cells of the inner grid that rays march through: a quarter of what finds the places of a capture."""
 
 
-class Looks(NamedTuple):
+class FromMiddle(NamedTuple):
     """How splats look from the middle of a scene. directions: (N, 3) unit. colors: (N, 3) sRGB. sizes: (N,) about the
     solid angle, times the opacity."""
 
@@ -66,7 +66,7 @@ def hanging_sky(
     sizes, distant = _sizes(splats, possible, eyes), np.isin(possible, far)
     coarse = np.where(distant, _coarse(splats, far, eyes), _coarse(splats, np.arange(len(splats)), eyes))
     rows = possible[sizes > coarse]
-    rows = rows[_alike(_looks(splats, rows, middle), _looks(splats, sky, middle))]
+    rows = rows[_alike(_from_middle(splats, rows, middle), _from_middle(splats, sky, middle))]
     if not len(rows):
         return rows
     solid = np.ones(len(splats), bool)
@@ -81,15 +81,15 @@ def hanging_sky(
     return np.sort(rows[_free(grid, splats.means[rows].astype(np.float64), eyes)])
 
 
-def _looks(splats: Splats, rows: Indices, middle: Vector) -> Looks:
+def _from_middle(splats: Splats, rows: Indices, middle: Vector) -> FromMiddle:
     off = splats.means[rows].astype(np.float64) - middle
     distance = np.maximum(np.linalg.norm(off, axis=1), 1e-30)
     sizes = splats.opacities[rows] * (splats.scales[rows].max(axis=1) / distance) ** 2
     colors = np.clip(splats.colors_diffuse[rows], 0.0, 1.0)
-    return Looks(off / distance[:, None], colors, np.nan_to_num(sizes) + 1e-30)
+    return FromMiddle(off / distance[:, None], colors, np.nan_to_num(sizes) + 1e-30)
 
 
-def _alike(some: Looks, sky: Looks) -> Mask:
+def _alike(some: FromMiddle, sky: FromMiddle) -> Mask:
     """Which splats have the colour of the sky in their direction: (M,) bool."""
     count = min(NEIGHBORS, len(sky.sizes))
     tree = scipy.spatial.cKDTree(sky.directions)

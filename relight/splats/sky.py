@@ -54,6 +54,11 @@ STRAY = 0.05
 VOTES = 9
 """Neighbours, itself among them, whose majority a far splat follows."""
 
+ROUGH = 0.21
+"""Spread of brightness, in sRGB, among that many neighbours in direction, from which on half of what looks like sky is
+none: pale facades with their windows have .26, in the one capture whose background is towers without a sky. Fourteen
+skies have up to .16."""
+
 
 def shown_as_sky(
     splats: Splats,
@@ -80,9 +85,9 @@ def _kept_rows(splats: Splats, rows: Indices, scene: Scene, cache: Cache) -> Ind
 
     def restored(kept: Mapping[str, NDArray[Any]]) -> Indices:
         found = kept["rows"]
-        if found.dtype != rows.dtype or found.ndim != 1 or not len(found):
+        if found.dtype != rows.dtype or found.ndim != 1:
             raise InputError("kept rows of the sky are of another kind")
-        if found.min() < 0 or found.max() >= len(splats):
+        if len(found) and not 0 <= found.min() <= found.max() < len(splats):
             raise InputError("kept rows of the sky are of other splats")
         return found
 
@@ -104,7 +109,7 @@ def sky_rows(
 
     Where the mesh is given, rows of other splats follow: those that look like sky, are about as far away, and lie
     nowhere near the mesh. Training leaves some of a sky nearer than the rest. Where there are eyes, those follow that
-    hang before it at any distance.
+    hang before it at any distance. There are none where most of the background is rough, as facades are.
     """
     some = splats.take(rows)
     others = np.delete(np.arange(len(splats)), rows)
@@ -113,7 +118,10 @@ def sky_rows(
         return rows
     matrix = np.asarray(scene_from_splat, np.float64)
     backdrop = backdrop_of(some, np.median(splats.means[others], axis=0), matrix[1, :3])
-    sky = rows[is_sky(some, backdrop)]
+    shown = is_sky(some, backdrop)
+    if _roughness(some, shown, backdrop) > ROUGH:
+        return rows[:0]
+    sky = rows[shown]
     if vertices is None or not len(vertices):
         return sky
     colored, distant = _sky_by_hue(splats, others, backdrop)
@@ -158,6 +166,18 @@ def is_sky(some: Splats, backdrop: Backdrop) -> Mask:
     off, sky = _seen(some, backdrop.middle, backdrop.up)[0], _like_sky(some, backdrop)
     around = scipy.spatial.cKDTree(off).query(off, min(VOTES, len(off)))[1].reshape(len(off), -1)
     return sky[around].mean(axis=1) > 0.5
+
+
+def _roughness(some: Splats, shown: Mask, backdrop: Backdrop) -> float:
+    """Spread of brightness among neighbours in direction, for half of the area of those far Splats that are shown as
+    sky, (N,) bool; 0 for too few."""
+    if shown.sum() < VOTES:
+        return 0.0
+    off, distance, _, color = _seen(some, backdrop.middle, backdrop.up)
+    toward, bright = off / distance[:, None], color.mean(axis=1)
+    around = scipy.spatial.cKDTree(toward).query(toward[shown], VOTES)[1]
+    size = np.nan_to_num(some.opacities * (some.scales.max(axis=1) / distance) ** 2)[shown] + 1e-30
+    return weighted_quantile(bright[around].std(axis=1), size, 0.5)
 
 
 def _like_sky(some: Splats, backdrop: Backdrop) -> Mask:
