@@ -90,7 +90,7 @@ def convert(
         check_extent(splats)
         rows = np.flatnonzero(usable(loaded)[0])
         trained = trained_views(asked.cameras, path, splats)
-        rotation, up_from = upright(asked.up, trained, splats)
+        rotation, up_from = upright(asked.up, trained, splats, lambda: _is_place(splats))
     order = splats.spatial_order()
     splats, rows = splats.take(order), rows[order]
     center, radius, far = foreground_ball(splats)
@@ -221,6 +221,12 @@ def _standing(foreground: Splats, splats: Splats, asked: ConvertOptions, up: Vec
     return standpoints(splats, bounds_of(foreground), asked.stand, asked.eyes, asked.seed, up)
 
 
+def _is_place(splats: Splats) -> bool:
+    """Whether a capture looked from within, whatever is up."""
+    foreground = splats.take(np.flatnonzero(~far_background(splats)))
+    return len(foreground) > 0 and bool(standpoints(foreground, bounds_of(foreground)).eyes)
+
+
 def _panes(standing: Standpoints, foreground: Splats, splats: Splats, far: Mask) -> Mask:
     """Which splats are sky in the windows of a room, (N,) bool: none of other captures."""
     if standing.kind != "inside":
@@ -248,7 +254,7 @@ def choose_views(
     with stages.stage("views"):
         if trained:
             return [view.resized(effort.pixels) for view in spread_out(trained, effort.views)]
-        return virtual_views(splats, effort.views, effort.pixels, up, seed)
+        return virtual_views(splats, effort.views, effort.pixels, up, seed, tell=True)
 
 
 def place_views(
@@ -299,7 +305,7 @@ def plan(path: str | os.PathLike[str], options: ConvertOptions | None = None, **
     splats, counts = clean(read_splats(path, asked.lod))
     check_extent(splats)
     trained = trained_views(asked.cameras, path, splats)
-    rotation, up_from = upright(asked.up, trained, splats)
+    rotation, up_from = upright(asked.up, trained, splats, lambda: _is_place(splats))
     effort = EFFORTS[asked.detail]
     total, far = len(splats), far_background(splats)
     foreground = splats.take(np.flatnonzero(~far))

@@ -45,7 +45,7 @@ def add_inset(
     color, cover = np.full((*x.shape, 3), PLATE[0]), np.full(x.shape, PLATE[1])
     cover[_outside_plate(x, y, wide / radius, high / radius)] = 0.0
     axes = view.camera_from_world[:3, :3]  # rows: right, down, forward
-    light = _strongest(environment)
+    light = strongest(environment)
     for centre, shade in (((1.4, 1.75), _chrome), ((3.7, 1.75), _matt)):
         u, v = x - centre[0], y - centre[1]
         on = u * u + v * v <= 1.0
@@ -73,7 +73,7 @@ def _matt(normal: NDArray, axes: NDArray, environment: "Environment", exposure: 
     return (GREY * exposure * np.maximum(leaving, 0.0)).astype(np.float32)
 
 
-def _strongest(environment: "Environment") -> NDArray | None:
+def strongest(environment: "Environment") -> NDArray | None:
     """Unit direction (3,) that most light comes from, scene frame; None where it comes from all sides alike."""
     bands = luminance(environment.sh(2))
     toward = np.array([bands[3], bands[1], bands[2]])

@@ -19,9 +19,11 @@ from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.splats import SH_C0, Splats
 
 from ..albedo.division import weighted_quantile
+from ..albedo.seen import standing
 from ..light import SKIES
 from ..light.tonemap import tone_map
 from ..transfer.store import Cache, array_key
+from .hanging_sky import hanging_sky
 from .light_ratio import CURVE_POWER, LEAST, MOST, relit_sh
 
 if TYPE_CHECKING:
@@ -52,6 +54,11 @@ STRAY = 0.05
 VOTES = 9
 """Neighbours, itself among them, whose majority a far splat follows."""
 
+ROUGH = 0.21
+"""Spread of brightness, in sRGB, among that many neighbours in direction, from which on half of what looks like sky is
+none: pale facades with their windows have .26, in the one capture whose background is towers without a sky. Fourteen
+skies have up to .16."""
+
 
 def shown_as_sky(
     splats: Splats,
@@ -61,8 +68,8 @@ def shown_as_sky(
     cache: Cache | None = None,  # of the scene
 ) -> Indices:
     """Rows (M,) of these Splats of a Scene that show the sky: of the far background, and of what hangs in the air
-    before it. In the windows of a closed room, and where all stays as captured, all of the background. What lies below
-    a floor that mirrors shows the room."""
+    before it, also near surfaces where it is known from where the capture looked. In the windows of a closed room, and
+    where all stays as captured, all of the background. What lies below a floor that mirrors shows the room."""
     rows = scene.background_splats
     indoors = appearance.room is not None or appearance.kept
     if not indoors and len(rows):
@@ -73,19 +80,20 @@ def shown_as_sky(
 def _kept_rows(splats: Splats, rows: Indices, scene: Scene, cache: Cache) -> Indices:
     """`sky_rows` of a Scene, from its Cache where they are known."""
     shown = splats.means, splats.scales, splats.opacities, splats.sh[:, 0]
-    key = array_key(*shown, rows, np.asarray(scene.scene_from_splat, np.float64))
+    eyes = standing(scene)
+    key = array_key(*shown, rows, np.asarray(scene.scene_from_splat, np.float64), eyes)
 
     def restored(kept: Mapping[str, NDArray[Any]]) -> Indices:
         found = kept["rows"]
-        if found.dtype != rows.dtype or found.ndim != 1 or not len(found):
+        if found.dtype != rows.dtype or found.ndim != 1:
             raise InputError("kept rows of the sky are of another kind")
-        if found.min() < 0 or found.max() >= len(splats):
+        if len(found) and not 0 <= found.min() <= found.max() < len(splats):
             raise InputError("kept rows of the sky are of other splats")
         return found
 
     found = cache.restored(restored, "sky", key)
     if found is None:
-        found = sky_rows(splats, rows, scene.scene_from_splat, scene.vertices)
+        found = sky_rows(splats, rows, scene.scene_from_splat, scene.vertices, eyes)
         cache.put("sky", key, rows=found)
     return found
 
@@ -95,11 +103,13 @@ def sky_rows(
     rows: Indices,  # (M,) which of them are far background
     scene_from_splat: ArrayLike,  # (4, 4)
     vertices: Points | None = None,  # (V, 3) of the mesh, scene frame
+    eyes: Points | None = None,  # (E, 3) where the capture stood, scene frame
 ) -> Indices:
     """Which of the far background is sky and not a surface far away: (K,) of its rows, in their order.
 
     Where the mesh is given, rows of other splats follow: those that look like sky, are about as far away, and lie
-    nowhere near the mesh. Training leaves some of a sky nearer than the rest.
+    nowhere near the mesh. Training leaves some of a sky nearer than the rest. Where there are eyes, those follow that
+    hang before it at any distance. There are none where most of the background is rough, as facades are.
     """
     some = splats.take(rows)
     others = np.delete(np.arange(len(splats)), rows)
@@ -108,14 +118,25 @@ def sky_rows(
         return rows
     matrix = np.asarray(scene_from_splat, np.float64)
     backdrop = backdrop_of(some, np.median(splats.means[others], axis=0), matrix[1, :3])
-    sky = rows[is_sky(some, backdrop)]
+    shown = is_sky(some, backdrop)
+    if _roughness(some, shown, backdrop) > ROUGH:
+        return rows[:0]
+    sky = rows[shown]
     if vertices is None or not len(vertices):
         return sky
-    strays = others[_like_sky(splats.take(others), backdrop)]
+    colored, distant = _sky_by_hue(splats, others, backdrop)
+    strays = others[colored & distant]
     places = splats.means[strays] @ matrix[:3, :3].T + matrix[:3, 3]
     reach = STRAY * float(np.linalg.norm(np.ptp(vertices, axis=0)))
     gap = scipy.spatial.cKDTree(vertices).query(places, distance_upper_bound=reach)[0]
-    return np.concatenate([sky, strays[~np.isfinite(gap)]])
+    found = np.concatenate([sky, strays[~np.isfinite(gap)]])
+    if eyes is None or not len(eyes):
+        return found
+    back = np.linalg.inv(matrix)
+    seen_from = eyes @ back[:3, :3].T + back[:3, 3]
+    possible = np.concatenate([rows[_sky_by_hue(splats, rows, backdrop)[0]], others[colored]])
+    possible = np.setdiff1d(possible[np.isfinite(splats.means[possible]).all(axis=1)], found)
+    return np.concatenate([found, hanging_sky(splats, rows, found, possible, backdrop.middle, seen_from)])
 
 
 class Backdrop(NamedTuple):
@@ -147,10 +168,29 @@ def is_sky(some: Splats, backdrop: Backdrop) -> Mask:
     return sky[around].mean(axis=1) > 0.5
 
 
+def _roughness(some: Splats, shown: Mask, backdrop: Backdrop) -> float:
+    """Spread of brightness among neighbours in direction, for half of the area of those far Splats that are shown as
+    sky, (N,) bool; 0 for too few."""
+    if shown.sum() < VOTES:
+        return 0.0
+    off, distance, _, color = _seen(some, backdrop.middle, backdrop.up)
+    toward, bright = off / distance[:, None], color.mean(axis=1)
+    around = scipy.spatial.cKDTree(toward).query(toward[shown], VOTES)[1]
+    size = np.nan_to_num(some.opacities * (some.scales.max(axis=1) / distance) ** 2)[shown] + 1e-30
+    return weighted_quantile(bright[around].std(axis=1), size, 0.5)
+
+
 def _like_sky(some: Splats, backdrop: Backdrop) -> Mask:
     """Which of Splats have the place and colour of sky, each by itself: (N,) bool."""
+    colored, distant = _sky_by_hue(some, np.arange(len(some)), backdrop)
+    return colored & distant
+
+
+def _sky_by_hue(splats: Splats, rows: Indices, backdrop: Backdrop) -> tuple[Mask, Mask]:
+    """Which rows (M,) have the elevation and colour of sky, and which are far enough: (M,) bool each."""
+    some = splats.take(rows)
     _, distance, height, color = _seen(some, backdrop.middle, backdrop.up)
-    return ~_surface(height, color, backdrop.level) & (distance >= backdrop.least)
+    return ~_surface(height, color, backdrop.level), distance >= backdrop.least
 
 
 def _seen(

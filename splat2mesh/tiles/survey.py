@@ -50,7 +50,7 @@ def plan_of(store: Store, pieces: list[CityPiece], counts: list[dict[str, Any]],
     if len(sample) < MIN_SPLATS:
         raise InputError(f"{len(sample)} usable splats: at least {MIN_SPLATS} are needed")
     check_extent(sample)
-    rotation, up_from = upright(settings["up"], (), sample)
+    rotation, up_from = upright(settings["up"], (), sample, lambda: True)
     turned = placed(sample, rotation)
     trained = training_pixel(turned)
     pixel = max(trained, LEAST_PIXEL * apart(turned.means.astype(np.float64), weights))

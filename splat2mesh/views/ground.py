@@ -7,7 +7,7 @@ floor and a ceiling the usual frame of trained files decides. It also decides fo
 below are much blurred: no camera stood there.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -50,6 +50,7 @@ class FloorCalibration:
     leans_deg, leans_in_place_deg: how far from an axis a floor may lie, and where surroundings or a ceiling show that
     it is one. straight_deg: how near to an axis the capture is upright already. least_sharper: how much more detail a
     side shows than the other, which was never seen: 1.9 and 2.2 in two captures from above, at most 1.1 all around.
+    cover_in_place: least_cover where the capture is known to be a place: .46 in a garden between towers.
     """
 
     provenance: ClassVar = Provenance(
@@ -70,6 +71,7 @@ class FloorCalibration:
     leans_in_place_deg: float = 35.0
     straight_deg: float = 1.0
     least_sharper: float = 1.5
+    cover_in_place: float = 0.4
 
 
 FLOOR = FloorCalibration()
@@ -81,11 +83,14 @@ class Ground:
 
     up: (3,) unit float64 in the splat's frame, or None where the evidence is weak. reason: what was found, one phrase.
     assumed: whether the usual frame decided which side of the plane is up, though objects stand on the other.
+    of_place: (3,) unit, what is up if the splat is a place, captured from within, where up is None; None where that
+    would not settle it.
     """
 
     up: np.ndarray | None
     reason: str
     assumed: bool = False
+    of_place: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -107,7 +112,33 @@ class Floor:
 def ground_of(splats: Splats) -> Ground:
     """Up from the floor of a place: a Ground. splats: cleaned Splats. The same whatever the number of threads."""
     floor = largest_plane(splats)
-    if floor is None or floor.cover < FLOOR.least_cover or floor.lead < FLOOR.least_lead:
+    if floor is None:
+        return Ground(None, "no plane stands out as a floor")
+    found = _judged(splats, floor)
+    return found if found.up is not None else replace(found, of_place=_level_of_place(floor))
+
+
+def _level_of_place(floor: Floor) -> NDArray[np.float64] | None:
+    """Up of a place whose largest plane faces along z, as in files of scanners and of programs for buildings; None
+    for other planes. Where both sides could be up, as between floor and ceiling, it is +z, which those files share."""
+    up = floor.normal if floor.normal[2] > 0 or floor.opposite < FLOOR.ceiling else -floor.normal
+    stands_out = floor.cover >= FLOOR.cover_in_place and floor.lead >= FLOOR.least_lead
+    if not stands_out or up[2] < np.cos(np.radians(FLOOR.leans_in_place_deg)):
+        return None
+    if floor.opposite < FLOOR.ceiling and floor.sided < FLOOR.least_sided:
+        return None
+    return _straight(up)
+
+
+def _straight(up: NDArray[np.float64]) -> NDArray[np.float64]:
+    """A direction (3,), or the axis that it hardly leans from."""
+    leans = np.degrees(np.arccos(min(1.0, np.abs(up).max())))
+    return np.where(np.abs(up) == np.abs(up).max(), np.sign(up), 0.0) if leans < FLOOR.straight_deg else up
+
+
+def _judged(splats: Splats, floor: Floor) -> Ground:
+    """The Ground that a plane shows by itself, whatever the splat is."""
+    if floor.cover < FLOOR.least_cover or floor.lead < FLOOR.least_lead:
         return Ground(None, "no plane stands out as a floor")
     axis = int(np.abs(floor.normal).argmax())
     if axis == 0:
@@ -127,8 +158,7 @@ def ground_of(splats: Splats) -> Ground:
     leans = np.degrees(np.arccos(min(1.0, np.abs(up).max())))
     if leans > (FLOOR.leans_in_place_deg if place or not open_above else FLOOR.leans_deg):
         return Ground(None, f"the largest plane leans by {leans:.0f} degrees")
-    if leans < FLOOR.straight_deg:
-        up = np.where(np.abs(up) == np.abs(up).max(), np.sign(up), 0.0)
+    up = _straight(up)
     name = f"{'+' if up[axis] > 0 else '-'}{'xyz'[axis]}"
     if assumed and open_above:
         return Ground(up, f"a flat side, {leans:.1f} degrees from {name}, assumed to be the lower one", True)

@@ -1,6 +1,6 @@
 """The up direction: the rotation from a splat file's frame into the y-up scene frame."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,16 +24,23 @@ LEVEL_DISAGREEMENT = np.radians(30.0)
 """Largest angle between the level direction of the cameras and their mean up; beyond it the mean is used."""
 
 
-def upright(up: str, views: Sequence[View], splats: Splats) -> tuple[Matrix4, str]:
+def upright(
+    up: str, views: Sequence[View], splats: Splats, is_place: Callable[[], bool] = lambda: False
+) -> tuple[Matrix4, str]:
     """The rotation of `scene_from_splat`, and what source it: one phrase.
 
     up: one of UP_CHOICES. "auto" asks the trained cameras `views` where there are any, else the floor of `splats`, else
-    assumes the usual frame of trained files, and says from which side it is brighter. Raises InputError for another
+    assumes the usual frame of trained files, and says from which side it is brighter. A largest plane that faces along
+    z is the floor of a place, but not of an object; `is_place` is called then, and tells. Raises InputError for another
     `up`.
     """
     if up != "auto" or len(views):
         return scene_from_splat(up, views), "asked for" if up != "auto" else "the cameras"
     ground = ground_of(splats)
+    if ground.of_place is not None and is_place():
+        matrix = scene_from_splat(floor_up=ground.of_place)
+        leans = np.degrees(np.arccos(min(1.0, float(ground.of_place[2]))))
+        return matrix, f"the floor, {leans:.1f} degrees from +z, since the capture looked from within"
     source = f"assumed -y, since {ground.reason}" if ground.up is None else ground.reason
     matrix = scene_from_splat(up, floor_up=ground.up)
     if ground.up is None or ground.assumed:

@@ -5,6 +5,7 @@ the rest is fuzzy. Candidates all around and inside free space are rendered smal
 and a greedy cover picks, one by one, the view that shows most of the least seen surface.
 """
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -13,10 +14,12 @@ from numpy.typing import NDArray
 
 from ..base import sphere
 from ..base.arrays import Bounds, Floats, Matrix3, Points, Vector
+from ..base.errors import DataWarning
 from ..render.opacityfield import FieldDepth, field_depth
 from ..render.view import View
 from ..splats.splats import Splats
 from .freespace import FreeSpace
+from .oneside import sharp_side
 
 OUTER_FOV_DEG, INNER_FOV_DEG = 40.0, 90.0
 CANDIDATE_PIXELS = 80
@@ -34,6 +37,9 @@ PICTURE_FOV_DEG = 75.0
 
 SKETCH_SPLATS = 40_000
 """Gaussians in the sample that judges candidates: a view does not depend on every one of millions."""
+
+CLEARER = 4
+"""Gaussians over those of the sketch by which a capture is found to be one-sided."""
 
 COVER_GRID = 48
 """Cells along the longest side of the box in which coverage is counted."""
@@ -81,13 +87,20 @@ def near_plane(bounds: Bounds) -> float:
 
 
 def virtual_views(
-    splats: Splats, count: int, pixels: int, up: Vector, seed: int = 0, space: FreeSpace | None = None
+    splats: Splats,
+    count: int,
+    pixels: int,
+    up: Vector,
+    seed: int = 0,
+    space: FreeSpace | None = None,
+    tell: bool = False,
 ) -> list[View]:
     """Choose `count` views of a splat, or up to a quarter more where parts of it would go unseen.
 
     splats: cleaned Splats. pixels: longer side of the views returned.
     up: (3,) unit, the up direction in the splat's frame. seed: for the jitter of the candidates. space: where all of
-    them stand, or None for anywhere.
+    them stand, or None for anywhere: then all look from the side that the capture looked from, if it was one.
+    tell: whether to warn of such a capture.
     Returns a list of View, the ones that show most first.
     """
     bounds = bounds_of(splats)
@@ -97,11 +110,26 @@ def virtual_views(
         free = space.holds(np.stack([view.center for view in candidates]))
         candidates = [view for view, stands in zip(candidates, free, strict=True) if stands]
     sketch = thinned(splats, np.random.default_rng(seed))
-    coverage, fuzziness = [], []
+    coverage, fuzziness, blur = [], [], []
     for view in candidates:
-        cells, fuzz = _what_is_seen(field_depth(sketch, view, near), view, bounds)
+        surface = field_depth(sketch, view, near)
+        cells, fuzz = _what_is_seen(surface, view, bounds)
         coverage.append(cells)
         fuzziness.append(fuzz)
+        blur.append(fuzz / max(_edges(surface), 1e-12))
+    backward = np.stack([-view.forward for view in candidates]) if candidates else np.zeros((0, 3))
+    front = sharp_side(backward[:count], np.array(blur[:count]), up) if space is None else None
+    if front is not None:  # also what has plain walls behind; the surfaces of a clearer sketch decide
+        clear = thinned(splats, np.random.default_rng(seed), CLEARER * SKETCH_SPLATS)
+        seen = [_what_is_seen(field_depth(clear, view, near), view, bounds)[1] for view in candidates[:count]]
+        front = sharp_side(backward[:count], np.array(seen), up)
+    if front is not None:
+        kept = np.flatnonzero(backward @ front > 0.0)
+        candidates, fuzziness = [candidates[k] for k in kept], [fuzziness[k] for k in kept]
+        coverage = [coverage[k] for k in kept]
+        if tell:
+            message = "captured from one side: sharp from there, a blur from behind; what no camera saw stays open"
+            warnings.warn(message, DataWarning, stacklevel=2)
     chosen = _cover(np.array(coverage), np.array(fuzziness), count)
     return [candidates[index].resized(pixels) for index in chosen]
 
@@ -173,8 +201,12 @@ def _judge(sketch: Splats, view: View, near: float, bounds: Bounds) -> tuple[flo
     """Blur of a view, and the amount of its edges."""
     surface = field_depth(sketch, view, near)
     _, fuzz = _what_is_seen(surface, view, bounds)
-    edges = np.abs(np.diff(np.where(surface.alpha[..., None] > 0.5, surface.color, 0.5), axis=1)).sum()
-    return fuzz, edges
+    return fuzz, _edges(surface)
+
+
+def _edges(surface: FieldDepth) -> float:
+    """The amount of the edges in the picture of a surface."""
+    return np.abs(np.diff(np.where(surface.alpha[..., None] > 0.5, surface.color, 0.5), axis=1)).sum()
 
 
 def _best_picture(pool: Sequence[tuple[View, float, float]]) -> View:
@@ -219,12 +251,13 @@ def _free_places(splats: Splats, bounds: Bounds, count: int, rng: np.random.Gene
     return points[chosen]
 
 
-def thinned(splats: Splats, rng: np.random.Generator) -> Splats:
-    """A sketch of a large splat: SKETCH_SPLATS of its Gaussians, widened so that they cover the same area."""
-    if len(splats) <= SKETCH_SPLATS:
+def thinned(splats: Splats, rng: np.random.Generator, most: int | None = None) -> Splats:
+    """A sketch of a large splat: `most`, or SKETCH_SPLATS, of its Gaussians, widened to cover the same area."""
+    most = SKETCH_SPLATS if most is None else most
+    if len(splats) <= most:
         return splats
-    kept = splats.take(np.sort(rng.choice(len(splats), SKETCH_SPLATS, replace=False)))
-    return replace(kept, scales=kept.scales * np.float32(np.sqrt(len(splats) / SKETCH_SPLATS)))
+    kept = splats.take(np.sort(rng.choice(len(splats), most, replace=False)))
+    return replace(kept, scales=kept.scales * np.float32(np.sqrt(len(splats) / most)))
 
 
 def _what_is_seen(surface: FieldDepth, view: View, bounds: Bounds) -> tuple[NDArray[np.float32], float]:

@@ -72,18 +72,24 @@ def parts_of(path: str | os.PathLike[str], lod: int | str = "auto") -> Parts:
     """
     path = Path(path)
     lod = check_lod(lod)
-    if path.is_dir() and (path / streamed.META).is_file():
-        path = path / streamed.META
-    if path.suffix.lower() == ".json" and path.is_file() and streamed.is_streamed(path):
-        capture = streamed.open_streamed(path)
+    described = description_of(path)
+    if described is not None:
+        capture = streamed.open_streamed(described)
         level = capture.level(lod)
         capture.check_tiles(level)
         counted = capture.tiles[level]
-        return Parts(tuple(counted), tuple(counted.values()), capture.environment, path, level, capture.counts)
+        return Parts(tuple(counted), tuple(counted.values()), capture.environment, described, level, capture.counts)
     if lod != "auto":
         raise InputError(f"`lod` {lod}: {path} has no levels of detail, which only a streamed SOG has")
     tiles = (path,) if not path.is_dir() or (path / sog.META).is_file() else _tiles_in(path)
     return Parts(tiles, (None,) * len(tiles))
+
+
+def description_of(path: Path) -> Path | None:
+    """The lod-meta.json of a streamed SOG, given itself or its folder; None for anything else."""
+    if path.is_dir() and (path / streamed.META).is_file():
+        path = path / streamed.META
+    return path if path.suffix.lower() == ".json" and path.is_file() and streamed.is_streamed(path) else None
 
 
 def _tiles_in(folder: Path) -> tuple[Path, ...]:

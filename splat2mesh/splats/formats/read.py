@@ -12,7 +12,7 @@ from ...base.inputs import check_special, quiet_numbers, reading
 from ..joining import joined
 from ..splats import Splats
 from . import compressed_ply, dotsplat, inria, sog, spz, streamed
-from .parts import parts_of
+from .parts import description_of, parts_of
 from .ply import Ply
 
 KINDS = (
@@ -96,8 +96,10 @@ def kind_of(path: str | os.PathLike[str]) -> str:
     path = Path(path)
     check_special(path)
     with reading(path):
+        if description_of(path) is not None:  # whichever of its levels are there
+            return "tiles"
         found = parts_of(path)
-        return "tiles" if found.described_by or found.tiles != (path,) else _kind(path)
+        return "tiles" if found.tiles != (path,) else _kind(path)
 
 
 def _read(path: Path, kind: str) -> Splats:

@@ -124,9 +124,21 @@ def test_a_far_background_of_ground_alone_has_no_sky():
     assert len(sky_rows(splats, far[:300], np.eye(4))) == 0
 
 
+def test_pale_facades_with_dark_windows_are_no_sky():
+    splats, far, sky = open_air()
+    count = len(sky)
+    rng = np.random.default_rng(2)
+    for dark, none in ((0.3, True), (0.0, False)):
+        shaded = splats.sh.copy()
+        windows = sky[rng.permutation(count)[: int(dark * count)]]
+        shaded[windows] = -1.2
+        place = Splats(splats.means, splats.scales, splats.quats_wxyz, splats.opacities, shaded)
+        assert (len(sky_rows(place, far, np.eye(4))) == 0) == none
+
+
 def test_windows_of_rooms_and_what_stays_as_captured_show_all_of_it():
     splats, far, sky = open_air()
-    scene = SimpleNamespace(background_splats=far, scene_from_splat=np.eye(4), vertices=np.eye(3))
+    scene = SimpleNamespace(background_splats=far, scene_from_splat=np.eye(4), vertices=np.eye(3), is_place=False)
     for look in (SimpleNamespace(room=object(), kept=False), SimpleNamespace(room=None, kept=True)):
         np.testing.assert_array_equal(shown_as_sky(splats, scene, look), far)
     assert len(shown_as_sky(splats, scene, SimpleNamespace(room=None, kept=False))) <= len(sky)

@@ -156,6 +156,47 @@ def test_auto_asks_cameras_then_the_floor_then_assumes():
     assert reason == "asked for"
 
 
+def bare(splats):
+    """A garden whose lawn fills less of its outline, as between towers: most of what is seen from above is roofs."""
+    rng = np.random.default_rng(3)
+    tower = sheet(rng, 5000, [-5.5, 0.0, -3.0], [-3.1, 6.0, 3.0])
+    return joined([splats, dots(tower)])
+
+
+@pytest.mark.parametrize("lean_deg", [0.0, 4.0])
+def test_a_place_whose_largest_plane_faces_along_z_stands_on_it(lean_deg):
+    for place in (garden(surroundings=False), room()):
+        lying = turned(place, "+z", lean_deg)
+        found = ground_of(lying)
+        assert found.up is None
+        assert np.degrees(np.arccos(min(1.0, found.of_place @ turned_axis("+z", lean_deg)))) < 0.7
+        matrix, reason = upright("auto", [], lying, lambda: True)
+        np.testing.assert_allclose(matrix[:3, :3] @ found.of_place, [0, 1, 0], atol=1e-12)
+        assert reason.startswith("the floor, ") and reason.endswith("from +z, since the capture looked from within")
+        matrix, reason = upright("auto", [], lying)
+        np.testing.assert_array_equal(matrix, scene_from_splat("-y"))
+        assert reason.startswith("assumed -y")
+
+
+@pytest.mark.parametrize("up", ["+y", "-y", "-z", "+x"])
+def test_nothing_is_asked_for_other_planes_and_where_the_floor_is_clear(up):
+    def asked():
+        raise AssertionError
+
+    for place in (garden(), room()) if up[1] == "y" else (garden(),):
+        lying = turned(place, up)
+        assert ground_of(lying).of_place is None
+        assert upright("auto", [], lying, asked)[0].shape == (4, 4)
+
+
+def test_between_towers_less_floor_will_do_for_a_place():
+    lying = turned(bare(garden(surroundings=False)), "+z")
+    floor = largest_plane(lying)
+    assert FLOOR.cover_in_place < floor.cover
+    np.testing.assert_allclose(ground_of(lying).of_place, AXES["+z"], atol=0.02)
+    assert ground_of(solid_ball()).of_place is None
+
+
 def test_nothing_is_searched_where_cameras_decide(monkeypatch):
     from splat2mesh.render.view import View
     from splat2mesh.views import upright as module

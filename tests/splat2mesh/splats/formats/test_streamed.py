@@ -76,6 +76,13 @@ def test_the_folder_is_its_lod_meta_json_whatever_that_is_called(capture):
     assert kind_of(capture.with_name("plaza.json")) == "tiles"
 
 
+def test_its_kind_is_known_though_only_a_coarse_level_was_copied(capture):
+    for name in ("0_0", "0_1", "1_0"):
+        shutil.rmtree(capture.parent / name)
+    assert kind_of(capture) == kind_of(capture.parent) == "tiles"
+    assert parts_of(capture, 2).level == 2
+
+
 def test_files_without_version_counts_and_environment_are_read(tmp_path):
     path, _ = write_capture(tmp_path, environment=False, version=None)
     whole = read_splats(path, 0)
