@@ -127,11 +127,12 @@ def _done(
     words: argparse.Namespace, request: RelightRequest, port: int | None, display: Display
 ) -> tuple[list[str], Any]:
     with import_without_collector():
-        from splat2mesh.base.kernels import without_blas
+        from splat2mesh.base.kernels import without_blas, without_c_functions
 
         from .jobs.folders import is_city, relight_files
 
         without_blas()
+    without_c_functions()
 
     if is_city(request):
         for name in ("plan", "view", "screenshot", "serve"):

@@ -55,9 +55,12 @@ runpy.run_module(module, run_name="__main__", alter_sys=True)
 """
 
 
-def recorded(command: str, *words: str | Path) -> list[tuple[str, Any, float]]:
-    """The kernels that a command compiles from an empty cache because Python calls them, in order: module and name, the
-    texts of their types or why there are none, seconds."""
+Row = tuple[str, Any, float]
+"""A kernel that compiled: module and name, the texts of its types or why there are none, seconds."""
+
+
+def recorded(command: str, *words: str | Path) -> list[Row]:
+    """The kernels that a command compiles from an empty cache because Python calls them, in order."""
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "rows.json"
         environment = os.environ | {"NUMBA_CACHE_DIR": folder, "PYTHONPATH": str(ROOT), SWITCH: "0"}
@@ -66,30 +69,35 @@ def recorded(command: str, *words: str | Path) -> list[tuple[str, Any, float]]:
         return [(name, kinds, seconds) for name, kinds, seconds in json.loads(out.read_text())]
 
 
-def merged(runs: Sequence[list[tuple[str, Any, float]]]) -> list[tuple[str, Any, float]]:
-    """The kernels of several runs in one order: each stands behind the one before it in the first run that has it."""
-    order: list[tuple[str, Any, float]] = []
+def merged(runs: Sequence[list[Row]]) -> list[tuple[str, Any, float, int]]:
+    """The kernels of several runs in one order, and how many ask for each: one stands behind the one before it in the
+    first run that has it."""
+    order: list[tuple[str, Any, float, int]] = []
     for run in runs:
         place = 0
-        for row in run:
-            there = next((i for i, other in enumerate(order) if other[:2] == row[:2]), None)
+        for name, kinds, cost in run:
+            there = next((i for i, other in enumerate(order) if other[:2] == (name, kinds)), None)
             if there is None:
-                order.insert(place, row)
+                order.insert(place, (name, kinds, cost, 1))
                 place += 1
             else:
+                order[there] = (*order[there][:3], order[there][3] + 1)
                 place = max(place, there + 1)
     return order
 
 
-def write(path: Path, rows: Sequence[tuple[str, Any, float]]) -> None:
+def write(path: Path, rows: Sequence[tuple[str, Any, float, int]]) -> None:
     """Write a list: the texts of all types once, then a line a kernel."""
-    for name, why, _ in rows:
+    for name, why, *_ in rows:
         if isinstance(why, str):
             print(f"left out {name}: {why}", file=sys.stderr)
     rows = [row for row in rows if not isinstance(row[1], str)]
-    kinds = {json.dumps(kind): kind for _, texts, _ in rows for kind in texts}
+    kinds = {json.dumps(kind): kind for _, texts, *_ in rows for kind in texts}
     places = {text: place for place, text in enumerate(kinds)}
-    lines = [json.dumps([name, [places[json.dumps(kind)] for kind in texts], round(cost, 2)]) for name, texts, cost in rows]
+    lines = [
+        json.dumps([name, [places[json.dumps(kind)] for kind in texts], round(cost, 2), runs])
+        for name, texts, cost, runs in rows
+    ]
     types = ",\n".join(kinds)
     path.write_text('{"types": [\n' + types + '\n],\n"kernels": [\n' + ",\n".join(lines) + "\n]}\n", encoding="utf-8")
 
@@ -106,7 +114,6 @@ def main(folder: str) -> None:
         lighting.append(recorded("relight", scene, "--env", "sunset"))
         for name, rows in (("splat2mesh", meshing[-1]), ("relight", lighting[-1])):
             print(f"{kind}, {name}: {len(rows)} kernels, {sum(row[2] for row in rows):.1f} s", file=sys.stderr)
-    json.dump([meshing, lighting], open(Path(folder) / "raw.json", "w"))
     write(ROOT / "splat2mesh" / LIST, merged(meshing))
     write(ROOT / "relight" / LIST, merged(lighting))
 

@@ -206,6 +206,7 @@ def _meshed(
     words: argparse.Namespace, display: Display, options: ConvertOptions, tiling: TilingOptions | None
 ) -> tuple[list[str], Any]:
     from .api import is_url, mesh_files, plan_mesh
+    from .base.kernels import without_c_functions
     from .base.progress import Stages
 
     if not hasattr(words, "texture") and tiling is None and not is_url(words.input):
@@ -216,6 +217,7 @@ def _meshed(
             found = plan_mesh(words.input, options, tiling=tiling, stages=stages)
             return _plan_lines(found), found
         compile_without_collector()
+        without_c_functions()
         meshed = mesh_files(
             words.input,
             getattr(words, "output", None),

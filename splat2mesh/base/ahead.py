@@ -1,9 +1,9 @@
 """Kernels compiled ahead of their need: on the first run, a second process takes those that the command needs last.
 
-The command compiles from the first on, the process from the last, both into Numba's cache, until they meet. Which
-kernels, and with which types, lists of the packages say (`scripts/kernel_lists` writes them). What is missing there, the
-command compiles when it comes to it; what is there too much costs the other core a moment. Results are those of a
-second run: the machine code is read from the cache.
+The command compiles from the first on, the process from the last, both into Numba's cache, until they meet. Lists in
+the packages name the kernels with their types; `scripts/kernel_lists.py` writes them. What a list lacks, the command
+compiles when it comes to it; what it has too much costs the other core a moment. Results are those of a second run,
+which reads the same machine code.
 """
 
 import json
@@ -37,12 +37,14 @@ _START = "import json, sys; sys.path[:] = json.loads(sys.argv[1]); from splat2me
 
 @dataclass(frozen=True)
 class Listed:
-    """A kernel of a list: its module and name, the text of its arguments' types, and the seconds that it compiles."""
+    """A kernel of a list: its module and name, the text of its arguments' types, the seconds that it compiles, and how
+    many of the runs that were recorded asked for it."""
 
     module: str
     name: str
     arguments: list[Any]
     seconds: float
+    runs: int
 
 
 def listed(path: Path) -> list[Listed]:
@@ -50,8 +52,8 @@ def listed(path: Path) -> list[Listed]:
     content = json.loads(path.read_text(encoding="utf-8"))
     kinds = content["types"]
     return [
-        Listed(*whole.rsplit(".", 1), [kinds[place] for place in places], seconds)
-        for whole, places, seconds in content["kernels"]
+        Listed(*whole.rsplit(".", 1), [kinds[place] for place in places], seconds, runs)
+        for whole, places, seconds, runs in content["kernels"]
     ]
 
 

@@ -1,4 +1,4 @@
-"""The process of `ahead`: compiles the kernels of lists, the last first, until its input is closed."""
+"""The process of `ahead`: compiles the kernels of lists, until its input is closed."""
 
 import importlib
 import os
@@ -21,9 +21,10 @@ def main() -> None:
     writing = threading.Lock()
     threading.Thread(target=_end_with_input, args=(writing,), daemon=True).start()
     with import_without_collector():
-        from .kernels import without_blas
+        from .kernels import without_blas, without_c_functions
 
         without_blas()
+        without_c_functions()
         from numba.core.caching import Cache
 
     save = Cache.save_overload
@@ -35,7 +36,12 @@ def main() -> None:
     Cache.save_overload = save_whole
     compile_without_collector()
     wanted = [kernel for path in lists for kernel in listed(Path(path))]
-    compile_ahead(wanted[::-1], compile_in_turn(Path(locks)))
+    compile_ahead(in_order(wanted), compile_in_turn(Path(locks)))
+
+
+def in_order(kernels: list[Listed]) -> list[Listed]:
+    """Kernels as they are compiled ahead: first what most runs ask for, and of that the last."""
+    return sorted(kernels[::-1], key=lambda kernel: -kernel.runs)
 
 
 def compile_ahead(kernels: list[Listed], locks: KernelLocks) -> None:

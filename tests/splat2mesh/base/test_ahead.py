@@ -41,7 +41,7 @@ def cache(tmp_path, monkeypatch):
 def few(tmp_path):
     """A list of two kernels, the first of which there is not."""
     whole = json.loads(LISTS[0].read_text())
-    kernels = [["splat2mesh.texture.atlas._no_such", [], 9], next(row for row in whole["kernels"] if row[0] == AREAS)]
+    kernels = [["splat2mesh.texture.atlas._no_such", [], 9, 1], next(row for row in whole["kernels"] if row[0] == AREAS)]
     (tmp_path / "few.json").write_text(json.dumps({"types": whole["types"], "kernels": kernels}))
     return tmp_path / "few.json"
 
