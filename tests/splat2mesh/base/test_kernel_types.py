@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numba import typeof, types
 
+from splat2mesh.base.ahead_worker import dispatcher_of
 from splat2mesh.base.kernel_types import text_of, type_of
 from splat2mesh.render.footprints import FOOTPRINT, Camera
 
@@ -42,7 +43,7 @@ def test_a_type_is_the_same_after_text(value):
 
 def test_what_no_text_stands_for_is_refused_both_ways():
     with pytest.raises(ValueError, match="no type"):
-        text_of(typeof(len))
+        text_of(types.Dispatcher(dispatcher_of("splat2mesh.texture.atlas", "_areas")))
     for text in ("no_such_type", "Array", ["spiral", "float32"]):
         with pytest.raises(ValueError, match="no type"):
             type_of(text)
