@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from splat2mesh.base.ahead import LIST, compiled_ahead
+from splat2mesh.base.ahead import LIST, compiled_ahead, expect
 from splat2mesh.base.collecting import compile_without_collector, import_without_collector
 from splat2mesh.base.commandline import chosen, several, share
 from splat2mesh.base.console import Display, notify, run
@@ -115,6 +115,8 @@ def _command(words: argparse.Namespace, display: Display, alone: bool) -> tuple[
     port = getattr(words, "serve", None)
     _check_session(words, port)
     with compiled_ahead(*(_kernels(words.scene) if alone and not hasattr(words, "plan") else [])):
+        if os.path.isdir(words.scene):
+            expect()
         return _done(words, request, port, display)
 
 

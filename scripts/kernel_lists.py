@@ -15,10 +15,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from splat2mesh.base.ahead import LIST, SWITCH
+from splat2mesh.base.ahead import EVERY, LIST, OBJECT, PLACE, SOME, SWITCH
+
+ROOT = Path(__file__).resolve().parents[1]
 
 SMALL = ("--splats", "20000", "--vertices", "6000", "--views", "12", "-q")
 COARSE = ("--detail", "draft", "--vertices", "20000", "--cameras", "none")
@@ -69,24 +70,26 @@ def recorded(command: str, *words: str | Path) -> list[Row]:
         return [(name, kinds, seconds) for name, kinds, seconds in json.loads(out.read_text())]
 
 
-def merged(runs: Sequence[list[Row]]) -> list[tuple[str, Any, float, int]]:
-    """The kernels of several runs in one order, and how many ask for each: one stands behind the one before it in the
-    first run that has it."""
-    order: list[tuple[str, Any, float, int]] = []
-    for run in runs:
+def merged(runs: dict[str, list[Row]]) -> list[tuple[str, Any, float, str]]:
+    """The kernels of several runs in one order, and what asks for each: one stands behind the one before it in the first
+    run that has it. runs: by the kind of scene."""
+    order: list[Row] = []
+    asking: dict[str, set[str]] = {}
+    for scene, run in runs.items():
         place = 0
         for name, kinds, cost in run:
+            asking.setdefault(json.dumps([name, kinds]), set()).add(scene)
             there = next((i for i, other in enumerate(order) if other[:2] == (name, kinds)), None)
             if there is None:
-                order.insert(place, (name, kinds, cost, 1))
+                order.insert(place, (name, kinds, cost))
                 place += 1
             else:
-                order[there] = (*order[there][:3], order[there][3] + 1)
                 place = max(place, there + 1)
-    return order
+    scenes = {frozenset(runs): EVERY, frozenset(runs) - {OBJECT}: PLACE, frozenset({OBJECT}): OBJECT}
+    return [(*row, scenes.get(frozenset(asking[json.dumps(row[:2])]), SOME)) for row in order]
 
 
-def write(path: Path, rows: Sequence[tuple[str, Any, float, int]]) -> None:
+def write(path: Path, rows: Sequence[tuple[str, Any, float, str]]) -> None:
     """Write a list: the texts of all types once, then a line a kernel."""
     for name, why, *_ in rows:
         if isinstance(why, str):
@@ -95,8 +98,8 @@ def write(path: Path, rows: Sequence[tuple[str, Any, float, int]]) -> None:
     kinds = {json.dumps(kind): kind for _, texts, *_ in rows for kind in texts}
     places = {text: place for place, text in enumerate(kinds)}
     lines = [
-        json.dumps([name, [places[json.dumps(kind)] for kind in texts], round(cost, 2), runs])
-        for name, texts, cost, runs in rows
+        json.dumps([*name.rsplit(".", 1), [places[json.dumps(kind)] for kind in texts], round(cost, 2), asked_by])
+        for name, texts, cost, asked_by in rows
     ]
     types = ",\n".join(kinds)
     path.write_text('{"types": [\n' + types + '\n],\n"kernels": [\n' + ",\n".join(lines) + "\n]}\n", encoding="utf-8")
@@ -104,15 +107,15 @@ def write(path: Path, rows: Sequence[tuple[str, Any, float, int]]) -> None:
 
 def main(folder: str) -> None:
     """Make small scenes in a folder, run both commands on them, and write the lists."""
-    meshing, lighting = [], []
-    for kind in ("object", "garden", "lounge"):
+    meshing, lighting = {}, {}
+    for kind in (OBJECT, "garden", "lounge"):
         truth, scene = Path(folder) / f"{kind}_truth", Path(folder) / kind
         words = [sys.executable, "-m", "scenes", str(truth), "--kind", kind, *SMALL]
         subprocess.run(words, cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
         splat = next(path for path in truth.rglob("*.ply") if path.name in ("splat.ply", "point_cloud.ply"))
-        meshing.append(recorded("splat2mesh", splat, "-o", scene, *COARSE))
-        lighting.append(recorded("relight", scene, "--env", "sunset"))
-        for name, rows in (("splat2mesh", meshing[-1]), ("relight", lighting[-1])):
+        meshing[kind] = recorded("splat2mesh", splat, "-o", scene, *COARSE)
+        lighting[kind] = recorded("relight", scene, "--env", "sunset")
+        for name, rows in (("splat2mesh", meshing[kind]), ("relight", lighting[kind])):
             print(f"{kind}, {name}: {len(rows)} kernels, {sum(row[2] for row in rows):.1f} s", file=sys.stderr)
     write(ROOT / "splat2mesh" / LIST, merged(meshing))
     write(ROOT / "relight" / LIST, merged(lighting))

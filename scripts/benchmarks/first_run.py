@@ -1,4 +1,4 @@
-"""The first run of `splat2mesh` and then of `relight` on a splat, with the second process that compiles ahead and without.
+"""The first run of `splat2mesh`, then of `relight`: with the second process that compiles ahead, and without.
 
 Each run has an empty cache of kernels; the ways alternate. Clock and memory want a quiet machine: the load is printed.
 Memory is the largest sum over the command and what it started, read ten times a second. --warm runs each command once

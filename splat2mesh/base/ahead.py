@@ -21,6 +21,8 @@ from .compiling import KERNELS, PACKAGES, cache_folder, cache_kind
 LIST = "kernels.json"
 """In a package: the kernels of its command."""
 
+EVERY, OBJECT, PLACE, SOME = "every", "object", "place", "some"
+
 SWITCH = "SPLAT2MESH_AHEAD"
 """Environment variable: 0 switches the second process off."""
 
@@ -32,19 +34,20 @@ LOCKS = "kernels.lock"
 END_SECONDS = 1.0
 """As long as the process has to end by itself, before it is killed: it lets a file be written to its end."""
 
-_START = "import json, sys; sys.path[:] = json.loads(sys.argv[1]); from splat2mesh.base.ahead_worker import main; main()"
+_START = "import json, sys; sys.path[:] = json.loads(sys.argv[1]); from splat2mesh.base import ahead_worker as worker; "
+_START += "worker.main()"
 
 
 @dataclass(frozen=True)
 class Listed:
-    """A kernel of a list: its module and name, the text of its arguments' types, the seconds that it compiles, and how
-    many of the runs that were recorded asked for it."""
+    """A kernel of a list: its module and name, the text of its arguments' types, the seconds that it compiles, and what
+    asks for it: EVERY scene, an OBJECT, a PLACE, or SOME, for which it is not compiled ahead."""
 
     module: str
     name: str
     arguments: list[Any]
     seconds: float
-    runs: int
+    asked_by: str
 
 
 def listed(path: Path) -> list[Listed]:
@@ -52,24 +55,41 @@ def listed(path: Path) -> list[Listed]:
     content = json.loads(path.read_text(encoding="utf-8"))
     kinds = content["types"]
     return [
-        Listed(*whole.rsplit(".", 1), [kinds[place] for place in places], seconds, runs)
-        for whole, places, seconds, runs in content["kernels"]
+        Listed(module, name, [kinds[place] for place in places], seconds, asked_by)
+        for module, name, places, seconds, asked_by in content["kernels"]
     ]
 
 
 @contextmanager
 def compiled_ahead(*lists: Path) -> Iterator[None]:
-    """Within it, a second process compiles the kernels of some lists, if many are missing. For a command.
+    """Within it, a second process compiles what every scene asks for of some lists, if much is missing, and then what
+    `expect` names. For a command.
 
     lists: in the order of need. Nothing happens on a single core, where the cache cannot be written, or where a system
     has no locks; nothing is ever said.
     """
-    process = _begun(lists)
+    global _process
+    _process = _begun(lists)
     try:
         yield
     finally:
+        process, _process = _process, None
         if process is not None:
             _ended(process)
+
+
+_process: "subprocess.Popen[bytes] | None" = None
+
+
+def expect(asked_by: str = "") -> None:
+    """Tell the second process, if there is one, what more it may compile: what an OBJECT or a PLACE asks for, or nothing. Once."""
+    process = _process
+    if process is not None and process.stdin is not None:
+        try:
+            process.stdin.write(f"{asked_by}\n".encode())
+            process.stdin.flush()
+        except OSError:  # it has ended
+            pass
 
 
 def _begun(lists: Sequence[Path]) -> "subprocess.Popen[bytes] | None":
@@ -117,12 +137,12 @@ def _ended(process: "subprocess.Popen[bytes]") -> None:
 
 
 def missing_seconds(lists: Sequence[Path], kind: int) -> float:
-    """Seconds of the kernels that Numba's cache, a `cache_kind`, does not hold, to judge by the times of files."""
+    """Seconds of what EVERY scene asks for and Numba's cache, a `cache_kind`, lacks, to judge by the times of files."""
     if any(os.environ.get(name) for name in ("NUMBA_DISABLE_JIT", "NUMBA_CACHE_LOCATOR_CLASSES")):
         return 0.0
     there: dict[str, set[str]] = {}
     total = 0.0
-    for kernel in (kernel for path in lists for kernel in listed(path)):
+    for kernel in (kernel for path in lists for kernel in listed(path) if kernel.asked_by == EVERY):
         if kernel.module not in there:
             there[kernel.module] = _compiled(PACKAGES / (kernel.module.replace(".", "/") + ".py"), kind)
         total += kernel.seconds * (kernel.name not in there[kernel.module])

@@ -2,13 +2,14 @@
 
 import importlib
 import os
+import queue
 import signal
 import sys
 import threading
 from pathlib import Path
 from typing import Any
 
-from .ahead import Listed, listed
+from .ahead import EVERY, Listed, listed
 from .collecting import compile_without_collector, import_without_collector
 from .kernel_locks import KernelLocks, compile_in_turn, name_of
 
@@ -18,8 +19,8 @@ def main() -> None:
     for number in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM):
         signal.signal(number, signal.SIG_DFL)
     _, _, locks, *lists = sys.argv
-    writing = threading.Lock()
-    threading.Thread(target=_end_with_input, args=(writing,), daemon=True).start()
+    writing, expected = threading.Lock(), queue.SimpleQueue[str]()
+    threading.Thread(target=_read_input, args=(expected, writing), daemon=True).start()
     with import_without_collector():
         from .kernels import without_blas, without_c_functions
 
@@ -35,13 +36,11 @@ def main() -> None:
 
     Cache.save_overload = save_whole
     compile_without_collector()
-    wanted = [kernel for path in lists for kernel in listed(Path(path))]
-    compile_ahead(in_order(wanted), compile_in_turn(Path(locks)))
-
-
-def in_order(kernels: list[Listed]) -> list[Listed]:
-    """Kernels as they are compiled ahead: first what most runs ask for, and of that the last."""
-    return sorted(kernels[::-1], key=lambda kernel: -kernel.runs)
+    backwards = [kernel for path in lists for kernel in listed(Path(path))][::-1]
+    held = compile_in_turn(Path(locks))
+    compile_ahead([kernel for kernel in backwards if kernel.asked_by == EVERY], held)
+    more = expected.get()
+    compile_ahead([kernel for kernel in backwards if kernel.asked_by == more], held)
 
 
 def compile_ahead(kernels: list[Listed], locks: KernelLocks) -> None:
@@ -82,8 +81,10 @@ def compile_one(dispatcher: Any, kernel: Listed, locks: KernelLocks) -> None:
         locks.release(name)
 
 
-def _end_with_input(writing: threading.Lock) -> None:
-    """End the process as soon as nobody holds the other end of its input, but not amid a file of the cache."""
-    sys.stdin.buffer.read()
+def _read_input(expected: "queue.SimpleQueue[str]", writing: threading.Lock) -> None:
+    """Pass on what is expected. End the process as soon as nobody holds the other end of its input, but not amid a file
+    of the cache."""
+    for line in sys.stdin:
+        expected.put(line.strip())
     with writing:
         os._exit(0)

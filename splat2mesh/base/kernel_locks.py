@@ -81,5 +81,5 @@ def compile_in_turn(path: Path) -> KernelLocks:
         with global_compiler_lock, held(name_of(dispatcher)):
             return compile_alone(dispatcher, signature)
 
-    Dispatcher.compile = compile_locked
+    Dispatcher.compile = compile_locked  # type: ignore[method-assign,assignment]
     return locks

@@ -54,6 +54,6 @@ def type_of(text: Text) -> types.Type:
     if name == "record":
         size, aligned, *fields = rest
         names, formats, offsets = zip(*fields, strict=True)
-        parts = {"names": names, "formats": formats, "offsets": offsets, "itemsize": size}
+        parts: Any = {"names": names, "formats": formats, "offsets": offsets, "itemsize": size}
         return from_dtype(np.dtype(parts, align=aligned))
     raise ValueError(f"no type {name!r}")

@@ -32,15 +32,15 @@ def without_blas() -> None:
 
 
 def without_c_functions() -> None:
-    """Have Numba compile its own functions, too, without the function for calls from C. For a command: 7% of the seconds
-    that it compiles. Where a version of Numba keeps its options otherwise, nothing changes."""
+    """Have Numba compile its own functions, too, without the function for calls from C. For a command: 7% of the
+    seconds that it compiles. Where a version of Numba keeps its options otherwise, nothing changes."""
     try:
         from numba.core import extending
         from numba.core.typing.templates import _OverloadFunctionTemplate
 
-        known = [extending._overload_default_jit_options]
+        known: list[dict[str, Any]] = [vars(extending)["_overload_default_jit_options"]]
         known += [template._jit_options for template in _OverloadFunctionTemplate.__subclasses__()]
-    except (ImportError, AttributeError):
+    except (ImportError, AttributeError, KeyError):
         return
     for options in known:
         options.setdefault("no_cfunc_wrapper", True)

@@ -106,8 +106,8 @@ def _look_up(
     pixels: Indices,
     frontal: Floats,
 ) -> None:
-    """Write the pixel, row after row, in which each vertex is seen, -1 for none, and the cosine at which. matrix: (3, 4)
-    camera from world. lens: fx, fy, cx, cy."""
+    """Write the pixel, row after row, in which each vertex is seen, -1 for none, and the cosine at which. matrix:
+    (3, 4) camera from world. lens: fx, fy, cx, cy."""
     height, width = depth.shape
     for v in range(begin, end):
         pixels[v] = -1

@@ -28,8 +28,8 @@ PLACES, RAYS, TRIED, LEAST_PLACES = 2500, 256, 40_000, 50
 inside."""
 
 FIRST_PLACES = 400
-"""Free places that are looked from first: where none of them is enclosed or surrounded, as about most objects, the others
-are not. Of a place of which so many miss all, a part of ROOM_SHARE would be missed once in three thousand times."""
+"""Free places that are looked from first: where none of them is enclosed or surrounded, as about most objects, the
+others are not. A share of ROOM_SHARE among all would be missed once in three thousand times."""
 
 CLEAR_CELLS, TAKEN = 3, 0.3
 """Cells around a free place that hold no optical depth above this."""

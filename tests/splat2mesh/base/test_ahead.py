@@ -23,7 +23,7 @@ pytest.importorskip("fcntl")
 
 LISTS = splat2mesh.cli.KERNELS, relight.cli.KERNELS
 
-AREAS = "splat2mesh.texture.atlas._areas"
+ATLAS = "splat2mesh.texture.atlas"
 
 
 @pytest.fixture
@@ -37,18 +37,27 @@ def cache(tmp_path, monkeypatch):
     return tmp_path / "cache"
 
 
+def row_of(whole, name):
+    return next(row for row in whole["kernels"] if row[:2] == [ATLAS, name])
+
+
 @pytest.fixture
 def few(tmp_path):
-    """A list of two kernels, the first of which there is not."""
+    """A list of a kernel that there is not, one for every scene, and one for places."""
     whole = json.loads(LISTS[0].read_text())
-    kernels = [["splat2mesh.texture.atlas._no_such", [], 9, 1], next(row for row in whole["kernels"] if row[0] == AREAS)]
+    areas = row_of(whole, "_areas")
+    kernels = [[ATLAS, "_no_such", [], 9, "every"], areas, [*row_of(whole, "_interpolate")[:4], "place"]]
     (tmp_path / "few.json").write_text(json.dumps({"types": whole["types"], "kernels": kernels}))
     return tmp_path / "few.json"
 
 
-def begun(*lists):
-    """What `compiled_ahead` starts within its block."""
-    return ahead._begun(lists)
+def begun(*lists, expect=""):
+    """What `compiled_ahead` starts within its block, where nothing more is expected."""
+    process = ahead._begun(lists)
+    if process is not None:
+        process.stdin.write(f"{expect}\n".encode())
+        process.stdin.flush()
+    return process
 
 
 def wait_until(true, seconds=60.0):
@@ -84,6 +93,13 @@ def test_the_process_fills_the_cache_and_ends_with_its_list(cache, few):
     ahead._ended(process)
 
 
+def test_what_is_expected_is_compiled_too(cache, few):
+    with compiled_ahead(few):
+        ahead.expect("place")
+        wait_until(lambda: len(list(cache.rglob("*.nbc"))) == 2)
+    ahead.expect("place")  # nobody hears
+
+
 def test_what_was_compiled_ahead_is_read_and_gives_the_same(cache, few):
     code = "import sys, numpy as np; from splat2mesh.texture import atlas; areas = np.zeros(1); "
     code += "p, f = np.eye(3), np.array([[0, 1, 2]]); p.flags.writeable = f.flags.writeable = False; "
@@ -105,7 +121,7 @@ def test_what_was_compiled_ahead_is_read_and_gives_the_same(cache, few):
 def test_nothing_is_left_when_the_block_ends_in_whatever_way(cache, monkeypatch, error):
     started = []
     start = subprocess.Popen
-    monkeypatch.setattr(subprocess, "Popen", lambda *words, **more: started.append(start(*words, **more)) or started[-1])
+    monkeypatch.setattr(subprocess, "Popen", lambda *of, **more: started.append(start(*of, **more)) or started[-1])
     try:
         with compiled_ahead(*LISTS):
             assert started[0].poll() is None
@@ -181,4 +197,3 @@ def test_a_full_cache_is_seen_in_a_twentieth_of_a_second(cache, monkeypatch):
     spent = time.process_time()
     assert begun(*LISTS) is None
     assert time.process_time() - spent < 0.05
-
