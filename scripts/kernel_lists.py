@@ -71,8 +71,8 @@ def recorded(command: str, *words: str | Path) -> list[Row]:
 
 
 def merged(runs: dict[str, list[Row]]) -> list[tuple[str, Any, float, str]]:
-    """The kernels of several runs in one order, and what asks for each: one stands behind the one before it in the first
-    run that has it. runs: by the kind of scene."""
+    """The kernels of several runs in one order, and what asks for each: one stands behind the one before it in the
+    first run that has it. runs: by the kind of scene."""
     order: list[Row] = []
     asking: dict[str, set[str]] = {}
     for scene, run in runs.items():

@@ -82,7 +82,7 @@ _process: "subprocess.Popen[bytes] | None" = None
 
 
 def expect(asked_by: str = "") -> None:
-    """Tell the second process, if there is one, what more it may compile: what an OBJECT or a PLACE asks for, or nothing. Once."""
+    """Tell the second process, where there is one, what more is needed, once: by an OBJECT, by a PLACE, or nothing."""
     process = _process
     if process is not None and process.stdin is not None:
         try:
