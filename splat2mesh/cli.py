@@ -205,8 +205,10 @@ def _command(words: argparse.Namespace, display: Display, alone: bool) -> tuple[
 def _meshed(
     words: argparse.Namespace, display: Display, options: ConvertOptions, tiling: TilingOptions | None
 ) -> tuple[list[str], Any]:
+    from .base.kernels import without_blas, without_c_functions
+
+    without_blas()
     from .api import is_url, mesh_files, plan_mesh
-    from .base.kernels import without_c_functions
     from .base.progress import Stages
 
     if not hasattr(words, "texture") and tiling is None and not is_url(words.input):
