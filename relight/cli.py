@@ -8,12 +8,14 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from splat2mesh.base.ahead import LIST, compiled_ahead, expect
 from splat2mesh.base.collecting import compile_without_collector, import_without_collector
 from splat2mesh.base.commandline import chosen, several, share
 from splat2mesh.base.console import Display, notify, run
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.progress import Stages
 from splat2mesh.base.requests import given, option_names
+from splat2mesh.cli import KERNELS as MESHING_KERNELS
 from splat2mesh.cli import convert_options, display_options, tiling_options
 
 from .arguments import parser
@@ -24,6 +26,9 @@ from .transfer import METHODS
 
 if TYPE_CHECKING:
     from .jobs.job import Job
+
+KERNELS = Path(__file__).with_name(LIST)
+"""Kernels that the command compiles on its first run."""
 
 LIGHT_STAGES = frozenset(
     {"occluder", "rays", "keep", "transfer", "transfer kept", "bounce rays kept"}
@@ -42,7 +47,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Run the command; returns the exit code."""
     words = parser().parse_args(arguments)
     display = display_options(words)
-    return run(lambda: _command(words, display), display, option_names(parser()))
+    return run(lambda: _command(words, display, arguments is None), display, option_names(parser()))
 
 
 def angles_from(text: str) -> list[float]:
@@ -102,19 +107,34 @@ def request_of(words: argparse.Namespace) -> RelightRequest:
     return RelightRequest(lighting=LightingOptions(**light), tiling=tiling, **asked)
 
 
-def _command(words: argparse.Namespace, display: Display) -> tuple[list[str], Any]:
+def _command(words: argparse.Namespace, display: Display, alone: bool) -> tuple[list[str], Any]:
+    """alone: whether this process does nothing else."""
     if "://" not in words.scene and not os.path.exists(words.scene):
         raise InputError(f"{words.scene}: no such scene folder, splat or mesh file")
     request = request_of(words)
     port = getattr(words, "serve", None)
     _check_session(words, port)
+    with compiled_ahead(*(_kernels(words.scene) if alone and not hasattr(words, "plan") else [])):
+        if os.path.isdir(words.scene):
+            expect()
+        return _done(words, request, port, display)
 
+
+def _kernels(scene: str) -> list[Path]:
+    """Lists of the kernels for a scene: for a file those of meshing too."""
+    return [KERNELS] if os.path.isdir(scene) else [MESHING_KERNELS, KERNELS]
+
+
+def _done(
+    words: argparse.Namespace, request: RelightRequest, port: int | None, display: Display
+) -> tuple[list[str], Any]:
     with import_without_collector():
-        from splat2mesh.base.kernels import without_blas
+        from splat2mesh.base.kernels import without_blas, without_c_functions
 
         from .jobs.folders import is_city, relight_files
 
         without_blas()
+    without_c_functions()
 
     if is_city(request):
         for name in ("plan", "view", "screenshot", "serve"):

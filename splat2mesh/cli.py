@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
+from .base.ahead import LIST, compiled_ahead
 from .base.choices import (
     BACKGROUND_CHOICES,
     DETAIL_CHOICES,
@@ -40,6 +41,9 @@ then: relight garden --env stpeters.exr --rotate 45"""
 
 DEFAULT_TEXTURE = "auto"
 """Default texture of the command, for people who look at its output; the library makes one only on request."""
+
+KERNELS = Path(__file__).with_name(LIST)
+"""Kernels that the command compiles on its first run."""
 
 _CHOSEN = (
     ("detail", "--detail", DETAIL_CHOICES),
@@ -186,14 +190,24 @@ def main(arguments: list[str] | None = None) -> int:
     """Run the command; returns the exit code."""
     words = parser().parse_args(arguments)
     display = display_options(words)
-    return run(lambda: _command(words, display), display, option_names(parser()))
+    return run(lambda: _command(words, display, arguments is None), display, option_names(parser()))
 
 
-def _command(words: argparse.Namespace, display: Display) -> tuple[list[str], Any]:
+def _command(words: argparse.Namespace, display: Display, alone: bool) -> tuple[list[str], Any]:
+    """alone: whether this process does nothing else."""
     if not os.path.exists(words.input) and "://" not in words.input:
         raise InputError(f"{words.input}: no such file")
     options, tiling = convert_options(words), tiling_options(words)
+    with compiled_ahead(*([KERNELS] if alone and not hasattr(words, "plan") else [])):
+        return _meshed(words, display, options, tiling)
 
+
+def _meshed(
+    words: argparse.Namespace, display: Display, options: ConvertOptions, tiling: TilingOptions | None
+) -> tuple[list[str], Any]:
+    from .base.kernels import without_blas, without_c_functions
+
+    without_blas()
     from .api import is_url, mesh_files, plan_mesh
     from .base.progress import Stages
 
@@ -205,6 +219,7 @@ def _command(words: argparse.Namespace, display: Display) -> tuple[list[str], An
             found = plan_mesh(words.input, options, tiling=tiling, stages=stages)
             return _plan_lines(found), found
         compile_without_collector()
+        without_c_functions()
         meshed = mesh_files(
             words.input,
             getattr(words, "output", None),

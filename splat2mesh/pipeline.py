@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from .base import ahead
 from .base.arrays import Floats, Mask, Matrix4, Vector
 from .base.errors import DataWarning, InputError
 from .base.progress import Stages
@@ -98,6 +99,7 @@ def convert(
     with stages.stage("standpoints"):
         standing = _standing(foreground, splats, asked, rotation[1, :3])
         panes = _panes(standing, foreground, splats, far)
+    ahead.expect(ahead.PLACE if standing.eyes else ahead.OBJECT)
     far, solid = far | panes, splats.take(np.flatnonzero(~panes)) if panes.any() else splats
     statistics = dict.fromkeys(("components_dropped", "holes_filled", "vertices_unseen"), 0)
     backdrop = None

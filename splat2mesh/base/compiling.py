@@ -3,6 +3,7 @@
 Scene folders are writable, but unsafe for it: Numba caches code, and a scene may come from anybody.
 """
 
+import hashlib
 import os
 import sys
 import warnings
@@ -13,9 +14,13 @@ from .errors import DataWarning
 PACKAGES = Path(__file__).resolve().parents[2]
 
 
+KERNELS = PACKAGES / "splat2mesh" / "render"
+"""A folder of modules with kernels, for which it is tried where a cache can be written."""
+
+
 def allow_read_only_install() -> None:
     """Switch Numba's cache off, with a DataWarning, if it finds no folder for it. For a command."""
-    if any(map(_writable, _folders())):
+    if cache_kind() is not None:
         return
     from numba.core.dispatcher import Dispatcher
 
@@ -28,15 +33,27 @@ def allow_read_only_install() -> None:
     )
 
 
-def _folders() -> list[Path]:
-    """Numba's candidates for its cache folder, in order."""
+def cache_kind() -> int | None:
+    """Which of Numba's candidates for its cache it takes, for `cache_folder`; None where it can write none."""
+    return next((kind for kind, folder in enumerate(_folders(KERNELS)) if folder and _writable(folder)), None)
+
+
+def cache_folder(modules: Path, kind: int) -> Path:
+    """The folder of Numba's cache for the modules of a folder."""
+    folder = _folders(modules)[kind]
+    assert folder is not None
+    return folder
+
+
+def _folders(modules: Path) -> list[Path | None]:
+    """Numba's candidates for the cache of a folder of modules, in order; None for one that was not given."""
     given = os.environ.get("NUMBA_CACHE_DIR")
-    beside = PACKAGES / "splat2mesh" / "render" / "__pycache__"
     home = Path("~").expanduser()
     local = os.environ.get("LOCALAPPDATA") or str(home)
     caches = {"darwin": home / "Library/Caches", "win32": Path(local)}
-    own = caches.get(sys.platform, Path(os.environ.get("XDG_CACHE_HOME") or str(home / ".cache")))
-    return [*([Path(given)] if given else []), beside, own / "numba"]
+    own = caches.get(sys.platform, Path(os.environ.get("XDG_CACHE_HOME") or str(home / ".cache"))) / "numba"
+    name = f"{modules.name}_{hashlib.sha1(str(modules).encode(), usedforsecurity=False).hexdigest()}"
+    return [Path(given) / name if given else None, modules / "__pycache__", own / name]
 
 
 def _writable(folder: Path) -> bool:

@@ -1,17 +1,23 @@
 """Colour of each vertex in the rendered views, and the thickness of the surface there."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import scipy
 
-from ..base.arrays import ColorsSrgb, DepthMap, Directions, Floats, Indices, Points
+from ..base.arrays import ColorsSrgb, DepthMap, Directions, Floats, Indices, Points, Vector
+from ..base.kernels import kernel
+from ..base.threads import in_slices, read_only
 from ..render.view import View
 from ..scene.color import bytes_from_unit
 
 DEPTH_TOLERANCE = 0.01
 """Largest distance of a seen vertex behind the rendered depth, in units of the mesh's radius."""
+
+FACING = 0.05
+"""Least cosine between the normal of a seen vertex and the direction to the eye."""
 
 
 @dataclass(frozen=True)
@@ -75,12 +81,48 @@ def _sees(picture: RenderedPicture, vertices: Points, normals: Directions) -> tu
     """Vertices that a picture shows, their pixels (column, row), and the square of the cosine it sees them at."""
     if len(vertices) == 0:  # no extent either
         return np.zeros(0, np.intp), np.zeros(0, np.intp), np.zeros(0, np.intp), np.zeros(0)
-    view, tolerance = picture.view, DEPTH_TOLERANCE * np.linalg.norm(np.ptp(vertices, axis=0)) / 2
-    pixels, z = view.project(vertices)
-    inside = (pixels >= 0).all(axis=1) & (pixels < [view.width, view.height]).all(axis=1)
-    near = np.flatnonzero((z > 0) & inside)
-    columns, rows = pixels[near].astype(np.intp).T
-    towards = view.center - vertices[near]
-    frontal = (normals[near] * towards).sum(axis=1) / np.linalg.norm(towards, axis=1)
-    keep = (np.abs(z[near] - picture.depth[rows, columns]) < tolerance) & (frontal > 0.05)
-    return near[keep], columns[keep], rows[keep], frontal[keep] ** 2
+    view, tolerance = picture.view, DEPTH_TOLERANCE * float(np.linalg.norm(np.ptp(vertices, axis=0))) / 2
+    pixels, frontal = np.empty(len(vertices), np.int64), np.empty(len(vertices))
+    lens = np.array([view.fx, view.fy, view.cx, view.cy])
+    pose = np.ascontiguousarray(view.camera_from_world[:3], np.float64), np.ascontiguousarray(view.center, np.float64)
+    seen = read_only(vertices, np.float64), read_only(normals), read_only(picture.depth)
+    in_slices(_look_up, len(vertices), *seen, *pose, lens, tolerance, pixels, frontal)
+    visible = np.flatnonzero(pixels >= 0)
+    rows, columns = np.divmod(pixels[visible], view.width)
+    return visible, columns, rows, frontal[visible] ** 2
+
+
+@kernel
+def _look_up(
+    begin: int,
+    end: int,
+    vertices: Points,
+    normals: Directions,
+    depth: Floats,
+    matrix: Floats,
+    center: Vector,
+    lens: Vector,
+    tolerance: float,
+    pixels: Indices,
+    frontal: Floats,
+) -> None:
+    """Write the pixel, row after row, in which each vertex is seen, -1 for none, and the cosine at which. matrix:
+    (3, 4) camera from world. lens: fx, fy, cx, cy."""
+    height, width = depth.shape
+    for v in range(begin, end):
+        pixels[v] = -1
+        px, py, pz = vertices[v, 0], vertices[v, 1], vertices[v, 2]
+        z = px * matrix[2, 0] + py * matrix[2, 1] + pz * matrix[2, 2] + matrix[2, 3]
+        if not z > 0:
+            continue
+        x = px * matrix[0, 0] + py * matrix[0, 1] + pz * matrix[0, 2] + matrix[0, 3]
+        y = px * matrix[1, 0] + py * matrix[1, 1] + pz * matrix[1, 2] + matrix[1, 3]
+        column, row = x / z * lens[0] + lens[2], y / z * lens[1] + lens[3]
+        if not (0 <= column < width and 0 <= row < height):
+            continue
+        if not abs(z - depth[int(row), int(column)]) < tolerance:
+            continue
+        tx, ty, tz = center[0] - px, center[1] - py, center[2] - pz
+        cosine = (normals[v, 0] * tx + normals[v, 1] * ty + normals[v, 2] * tz) / math.sqrt(tx * tx + ty * ty + tz * tz)
+        if cosine > FACING:
+            pixels[v], frontal[v] = int(row) * width + int(column), cosine

@@ -27,6 +27,10 @@ PLACES, RAYS, TRIED, LEAST_PLACES = 2500, 256, 40_000, 50
 """Free places, rays from each, cells tried at random until so many are found, and places without which nobody stood
 inside."""
 
+FIRST_PLACES = 400
+"""Free places that are looked from first: where none of them is enclosed or surrounded, as about most objects, the
+others are not. A share of ROOM_SHARE among all would be missed once in three thousand times."""
+
 CLEAR_CELLS, TAKEN = 3, 0.3
 """Cells around a free place that hold no optical depth above this."""
 
@@ -130,7 +134,10 @@ def standpoints(
     points = free_places(grid, np.random.default_rng(seed))
     if len(points) < LEAST_PLACES and choice == "auto" and len(places) == 0:
         return Standpoints("outside", [], 0.0, 0.0, 0.0, 0.0)
-    looks = _RayFans.cast(grid, np.concatenate([places, points]))
+    looks = _RayFans.cast(grid, np.concatenate([places, points[:FIRST_PLACES]]))
+    if choice == "auto" and len(places) == 0 and not (looks.enclosed | looks.surrounded).any():
+        return Standpoints("outside", [], 0.0, 0.0, 0.0, 0.0)
+    looks = looks.joined(_RayFans.cast(grid, points[FIRST_PLACES:]))
     shares = float(looks.enclosed[len(places) :].mean()), float(looks.surrounded[len(places) :].mean())
     kind = _kind(grid, bounds, *shares)
     if kind == "outside" and (choice == "inside" or len(places)):
@@ -182,6 +189,11 @@ class _RayFans(NamedTuple):
         for seen in (hit, inner):
             per_point += [seen.mean(axis=1), _median(np.where(seen, ratio, np.nan))]
         return cls(points, directions, distance, pixel, hit, inner, *per_point)
+
+    def joined(self, other: "_RayFans") -> "_RayFans":
+        """These points and then others, which were looked from in the same directions."""
+        both = {name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in self._fields}
+        return _RayFans(**both | {"directions": self.directions})
 
     @property
     def enclosed(self) -> Mask:

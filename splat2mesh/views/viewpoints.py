@@ -38,8 +38,11 @@ PICTURE_FOV_DEG = 75.0
 SKETCH_SPLATS = 40_000
 """Gaussians in the sample that judges candidates: a view does not depend on every one of millions."""
 
+OBJECT_SKETCH = 20_000
+"""The same where an object is looked at from all around: three for each pixel of a candidate."""
+
 CLEARER = 4
-"""Gaussians over those of the sketch by which a capture is found to be one-sided."""
+"""Gaussians over SKETCH_SPLATS by which a capture is found to be one-sided."""
 
 COVER_GRID = 48
 """Cells along the longest side of the box in which coverage is counted."""
@@ -109,7 +112,8 @@ def virtual_views(
     if space is not None and candidates:
         free = space.holds(np.stack([view.center for view in candidates]))
         candidates = [view for view, stands in zip(candidates, free, strict=True) if stands]
-    sketch = thinned(splats, np.random.default_rng(seed))
+    sketch = thinned(splats, np.random.default_rng(seed), OBJECT_SKETCH if space is None else SKETCH_SPLATS)
+    sketch = replace(sketch, sh=sketch.sh[:, :1])  # no candidate is judged by its colours
     coverage, fuzziness, blur = [], [], []
     for view in candidates:
         surface = field_depth(sketch, view, near)
@@ -251,13 +255,12 @@ def _free_places(splats: Splats, bounds: Bounds, count: int, rng: np.random.Gene
     return points[chosen]
 
 
-def thinned(splats: Splats, rng: np.random.Generator, most: int | None = None) -> Splats:
-    """A sketch of a large splat: `most`, or SKETCH_SPLATS, of its Gaussians, widened to cover the same area."""
-    most = SKETCH_SPLATS if most is None else most
-    if len(splats) <= most:
+def thinned(splats: Splats, rng: np.random.Generator, count: int = SKETCH_SPLATS) -> Splats:
+    """A sketch of a large splat: `count` of its Gaussians, widened so that they cover the same area."""
+    if len(splats) <= count:
         return splats
-    kept = splats.take(np.sort(rng.choice(len(splats), most, replace=False)))
-    return replace(kept, scales=kept.scales * np.float32(np.sqrt(len(splats) / most)))
+    kept = splats.take(np.sort(rng.choice(len(splats), count, replace=False)))
+    return replace(kept, scales=kept.scales * np.float32(np.sqrt(len(splats) / count)))
 
 
 def _what_is_seen(surface: FieldDepth, view: View, bounds: Bounds) -> tuple[NDArray[np.float32], float]:

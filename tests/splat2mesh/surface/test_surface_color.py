@@ -5,7 +5,7 @@ import open3d as o3d
 import pytest
 
 from splat2mesh.render.view import View
-from splat2mesh.surface.color import RenderedPicture, vertex_colors, vertex_thickness
+from splat2mesh.surface.color import DEPTH_TOLERANCE, FACING, RenderedPicture, _sees, vertex_colors, vertex_thickness
 
 RED, GREEN = np.array([200, 10, 30]), np.array([20, 180, 60])
 
@@ -84,6 +84,32 @@ def test_the_back_of_a_sheet_takes_nothing_from_its_front():
     colors, unseen = vertex_colors(vertices, -normal, [picture])
     assert unseen == len(vertices)
     np.testing.assert_array_equal(colors, np.full((len(vertices), 3), 128))
+
+
+def sees_reference(picture, vertices, normals):
+    """`_sees`, array by array."""
+    view, tolerance = picture.view, DEPTH_TOLERANCE * np.linalg.norm(np.ptp(vertices, axis=0)) / 2
+    pixels, z = view.project(vertices)
+    inside = (pixels >= 0).all(axis=1) & (pixels < [view.width, view.height]).all(axis=1)
+    near = np.flatnonzero((z > 0) & inside)
+    columns, rows = pixels[near].astype(np.intp).T
+    towards = view.center - vertices[near]
+    frontal = (normals[near] * towards).sum(axis=1) / np.linalg.norm(towards, axis=1)
+    keep = (np.abs(z[near] - picture.depth[rows, columns]) < tolerance) & (frontal > FACING)
+    return near[keep], columns[keep], rows[keep], frontal[keep] ** 2
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_what_a_picture_sees_is_what_the_readable_way_finds(dtype):
+    vertices, normals = sphere(resolution=60)
+    for view in around(height=0.3, distance=1.7):  # near, so that some lies outside the picture
+        picture = picture_of(view, hit_depth(view, (0, 0, 0), 1))
+        found = _sees(picture, vertices.astype(dtype), normals)
+        expected = sees_reference(picture, vertices.astype(dtype), normals)
+        assert 100 < len(expected[0]) < len(vertices) / 2
+        for ours, theirs in zip(found[:3], expected[:3], strict=True):
+            np.testing.assert_array_equal(ours, theirs)
+        np.testing.assert_allclose(found[3], expected[3], rtol=1e-13)  # sums of three in whatever order
 
 
 def test_views_are_averaged_by_the_square_of_their_cosine():
