@@ -21,7 +21,7 @@ from .patches import PATCHES
 
 USUAL_HUE = np.array([1.19, 1.0, 0.79])
 """Albedo over its green of what lies around people outdoors and is neither green nor of unusual warmth. Of twelve
-generated gardens 1.14 to 1.23, 0.74 to 0.81, geometric means over what is seen; of a patio 1.25, 0.86 at all warmths."""
+generated gardens 1.14 to 1.23, 0.74 to 0.81, geometric means over what is seen; of a patio 1.25, 0.86 in all."""
 
 GREENEST = 1.35
 """Green over the root of red times blue, above which an albedo is that of leaves or green paint."""
