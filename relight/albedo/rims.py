@@ -33,7 +33,7 @@ angles count."""
 RANGE = 5.0, 95.0
 """Percentiles of their albedo between which that of the rim is kept."""
 
-SWAPPED = 0.4
+SWAPPED = 0.15
 """Part of the difference between light and shade around, by which an albedo must be off: less may be other paint."""
 
 BATCH = 4096

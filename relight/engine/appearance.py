@@ -29,7 +29,7 @@ CHOICES = ("estimated", "captured", "white")
 
 LEAST_ALBEDO = 0.02  # to divide by
 
-WAY = 18
+WAY = 19
 """Version of the estimate of light and albedo. It increases when the numbers change, and invalidates cached
 estimates."""
 

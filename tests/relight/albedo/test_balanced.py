@@ -57,6 +57,15 @@ def test_leaves_show_nothing(place):
         np.testing.assert_allclose(hue(each), 1.0, atol=0.06)  # a clipped sky is white but for green bounces
 
 
+def test_a_house_of_brick_makes_the_light_no_redder(place):
+    geometry, looks = place
+    brick = (np.arange(len(geometry[0].origins)) % 3 == 0)[:, None]
+    paints = np.where(brick, [2.1, 1.0, 0.5], USUAL_HUE)
+    captured, light = captured_in(geometry, paints, 2.0)
+    found = estimate(geometry[0], captured, **given(geometry, sky=clipped_picture(light), looks=looks))
+    np.testing.assert_allclose(hue(found), BLUE, rtol=0.12)  # .93 and 1.02 where brick counts
+
+
 def test_a_sky_that_was_seen_keeps_its_colour(place):
     geometry, looks = place
     captured, light = captured_in(geometry, np.ones(3), 0.5)  # of grey ground, which would suggest a bluer one
