@@ -8,13 +8,8 @@ from splat2mesh.base.errors import InputError
 from splat2mesh.scene.scene import Scene
 
 from ..albedo.interior import within
-from ..sh.sphere import fibonacci_sphere
 from ..transfer.occluder import Frame, Occluder
-
-LOOKS = 256
-"""Directions from each eye; those within UPRIGHT of straight up find the ceiling."""
-
-UPRIGHT = 0.8
+from .seen import ceiling_level
 
 MARGIN = 0.2
 """Share of the way from the eyes to the ceiling: what hangs further below it is not part of it. Ceilings of trained
@@ -48,16 +43,10 @@ def without_ceiling(scene: Scene, occluder: Occluder) -> Scene:
     eyes, frame = within(scene), Frame.around(scene.vertices, scene.faces)
     if not len(eyes):
         raise InputError("`opened` ceiling: expected a room that was captured from inside, found none")
-    directions = fibonacci_sphere(LOOKS)
-    up = directions[directions[:, 1] > UPRIGHT]
-    origins = np.repeat(frame.unit(eyes), len(up), axis=0)
-    rays = np.hstack([origins, np.tile(up, (len(eyes), 1))]).astype(np.float32)
-    hits = occluder.first_hits(rays)
-    hit = hits.faces >= 0
-    if not hit.any():
+    found = ceiling_level(occluder, frame.unit(eyes))
+    if found is None:
         raise InputError("`opened` ceiling: nothing is above where the capture stood")
-    heights = origins[hit, 1] + hits.distance[hit] * rays[hit, 4]
-    level, eye = float(np.median(heights)), float(np.median(origins[:, 1]))
+    level, eye = found
     lowest = (level - MARGIN * (level - eye)) * frame.diagonal + frame.center[1]
     chunks = []
     for chunk in scene.chunks:

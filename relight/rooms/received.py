@@ -205,7 +205,7 @@ def _free(occluder: Occluder, smooth: Directions, vertices: Integers, directions
 def _sent(
     occluder: Occluder, smooth: Directions, vertices: Integers, directions: Directions, captured: Radiance
 ) -> NDArray[np.float64]:
-    """Light (N, 3) float64 from other surfaces. Back faces are black."""
+    """Light (N, 3) float64 from other surfaces. Back faces are black; what the occluder is shut with sends the mean."""
     bounce = np.zeros((len(vertices), 3))
     toward = np.ascontiguousarray(directions, np.float32)
     for start in range(0, len(vertices), samples.BATCH):
@@ -221,4 +221,9 @@ def _sent(
         seen = np.einsum("rk,rkc->rc", shares, captured[corners])
         for color in range(3):
             bounce[start : start + len(some), color] = np.bincount(place, seen[:, color], len(some))
+        if occluder.is_shut:
+            stopped = hits.faces < 0
+            stopped[stopped] = occluder.occluded(rays[stopped])
+            met, lost = (np.bincount(place, weight * part, len(some)) for part in (hits.faces >= 0, stopped))
+            bounce[start : start + len(some)] *= (1.0 + lost / np.maximum(met, 1e-9))[:, None]
     return bounce

@@ -25,7 +25,7 @@ from ..transfer.sunlight import sunlight
 from . import lamps, received, strengths
 from .evenness import Evenness
 from .pointing import lamps_at
-from .seen import seen_from
+from .seen import below_ceiling, seen_from
 
 LEAST_EVIDENCE = 0.5
 """Evidence below which an emitter cannot be separated from the colours of the surfaces it lights."""
@@ -128,7 +128,8 @@ def room_of(
     sky = None if scene.measured is None else scene.measured.sky
     areas, visible = samples.vertex_areas(occluder), visible_fraction(transfer)
     frame = Frame.around(scene.vertices, scene.faces)
-    seen = seen_from(occluder, np.arange(len(captured)), frame.unit(within(scene)))
+    eyes = frame.unit(within(scene))
+    seen, below = seen_from(occluder, np.arange(len(captured)), eyes), below_ceiling(occluder, eyes)
     found = [
         lamp
         for lamp in lamps.find(occluder, captured, areas, visible, interreflection.bounce(captured))
@@ -141,7 +142,7 @@ def room_of(
         return even.average(lamps.light_of(lamp, occluder, areas, normals), AVERAGING_ROUNDS)
 
     def judged() -> tuple[received.RoomIrradiance, strengths.Strengths | None]:
-        usable = seen.copy()
+        usable = seen & below
         for lamp in found:
             usable[lamp.rows] = False
         rows = [lamp.rows for lamp in found]

@@ -93,6 +93,11 @@ class Occluder:
             corners = triangles.reshape(-1, 3)
             self._hidden = RayCaster(corners, np.arange(len(corners)).reshape(-1, 3))
 
+    @property
+    def is_shut(self) -> bool:
+        """Whether `shut` was called with any triangles."""
+        return self._hidden is not None
+
     def occluded(self, rays: Rays, far: float = np.inf) -> Mask:
         """Whether anything hides the rays up to `far` lengths of their directions: (..., 6) float32 origin, direction,
         unit frame -> (...) bool."""

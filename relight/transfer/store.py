@@ -228,7 +228,9 @@ def geometry_key(scene: "Scene") -> str:
         for array in (chunk.vertices, chunk.normals, chunk.faces):
             digest.update(str(array.shape).encode() + np.ascontiguousarray(array).tobytes())
     if scene.capture.get("from") == "inside":  # what was seen from there of a room is free, all else is not
-        digest.update(b"hidden" + np.asarray(scene.capture.get("eyes", ()), np.float64).tobytes())
+        digest.update(b"room" + np.asarray(scene.capture.get("eyes", ()), np.float64).tobytes())
+        if scene.measured is not None and scene.measured.sky is not None:  # nor is what shows no sky a window
+            digest.update(b"sky" + scene.measured.sky.bound.tobytes() + scene.measured.sky.clipped.tobytes())
     return digest.hexdigest()
 
 

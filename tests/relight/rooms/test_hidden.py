@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 
 from relight.engine.relighter import Relighter
-from relight.rooms import hidden
+from relight.rooms import hidden, received
+from relight.sh.sphere import fibonacci_sphere
 from relight.transfer.occluder import Frame, Occluder
 from relight.transfer.store import Cache, geometry_key
+from splat2mesh.base.sphere import texel_directions
+from splat2mesh.scene.measured import SKY_HEIGHT, SKY_WIDTH, CapturedSky, Measured
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene
 
@@ -39,8 +42,8 @@ def scene_of(parts, seen_from="inside"):
     return Scene([Mesh(vertices, normals, faces, colors)], capture={"from": seen_from, "eyes": EYES})
 
 
-def room(cupboard=True, ceiling=True):
-    """4 x 2.6 x 4, a window in the wall to +z; no wall behind the cupboard at -x, which has no top."""
+def room(cupboard=True, ceiling=True, hole=False):
+    """4 x 2.6 x 4, a window in the wall to +z; no wall behind the cupboard at -x, which has no top; a hole above."""
 
     def window(u, v):
         return (abs(u - 0.5) < 0.15) & (abs(v - 0.5) < 0.2)
@@ -56,7 +59,8 @@ def room(cupboard=True, ceiling=True):
         wall((2, 0, -2), (0, 0, 4), (0, 2.6, 0)),
     ]
     if ceiling:
-        parts.append(wall((-2, 2.6, -2), (4, 0, 0), (0, 0, 4)))
+        above = [lambda u, v: (abs(u - 0.5) < 0.1) & (abs(v - 0.3) < 0.1)] * hole
+        parts.append(wall((-2, 2.6, -2), (4, 0, 0), (0, 0, 4), *above))
     if cupboard:  # its front, and its sides
         parts += [
             wall((-1.3, 0, 1), (0, 0, -2), (0, 1.7, 0)),
@@ -101,6 +105,61 @@ def test_what_is_seen_through_a_window_is_no_part_of_the_room(monkeypatch):
 def street():
     """A wall 6 m before the window of `room`, 8 m high."""
     return wall((6, -2, 8), (-12, 0, 0), (0, 8, 0))
+
+
+def under_sky(scene, shown):
+    """The scene with a sky captured where `shown` (D, 3) -> (D,) says so."""
+    bound = np.repeat(shown(texel_directions(SKY_HEIGHT, SKY_WIDTH))[..., None], 3, axis=2).astype(np.float32)
+    sky = CapturedSky(0.5 * bound, bound, np.zeros_like(bound))
+    return replace(scene, measured=Measured(sky, np.zeros(0, np.float32), np.zeros(len(scene.vertices), np.float32)))
+
+
+@pytest.mark.parametrize(
+    ("shown", "closed"),
+    [
+        (lambda toward: toward[..., 2] > 0.3, True),
+        (lambda toward: toward[..., 0] < 2.0, False),
+        (lambda toward: toward[..., 2] < -0.9, False),  # no opening shows it: nothing is known of any
+    ],
+)
+def test_an_opening_that_shows_no_sky_is_a_hole_where_another_shows_some(shown, closed):
+    scene = under_sky(room(cupboard=False, hole=True), shown)
+    occluder, frame = caster_of(scene)
+    through_hole, through_window = ray(frame, (0, 0.1, 0.5), (0, 2.6, -0.8)), ray(frame, (0, 0.1, -1), (0, 1.3, 2.0))
+    assert not occluder.occluded(through_hole).any()
+    occluder.shut(hidden.hidden_volumes(scene, occluder))
+    assert occluder.occluded(through_hole).all() == closed
+    assert not occluder.occluded(through_window).any()
+
+
+def test_a_hole_that_is_shut_sends_what_the_surfaces_around_send():
+    scene = under_sky(room(cupboard=False, hole=True), lambda toward: toward[..., 2] > 0.3)
+    occluder, frame = caster_of(scene)
+    below = np.linalg.norm(occluder.origins - frame.unit(np.array([[0.0, 0.0, -0.8]])), axis=1).argmin()[None]
+    grey, looks = np.full((len(occluder.origins), 3), 0.25, np.float32), fibonacci_sphere(1024)
+
+    def received_there():
+        bounce = received._sent(occluder, occluder.normals, below, looks, grey)[0]
+        return bounce, received._free(occluder, occluder.normals, below, looks).sum()
+
+    open_bounce, _ = received_there()
+    occluder.shut(hidden.hidden_volumes(scene, occluder))
+    bounce, sky = received_there()
+    assert open_bounce[0] < 0.25 * (0.98 - sky)
+    np.testing.assert_allclose(bounce, 0.25 * (1.0 - sky), rtol=1e-3)
+
+
+def test_without_a_captured_sky_no_opening_is_a_hole():
+    scene = room(cupboard=False, hole=True)
+    occluder, frame = caster_of(scene)
+    occluder.shut(hidden.hidden_volumes(scene, occluder))
+    assert not occluder.occluded(ray(frame, (0, 0.1, 0.5), (0, 2.6, -0.8))).any()
+
+
+def test_volumes_of_another_sky_do_not_serve():
+    scene = room()
+    skies = [under_sky(scene, lambda toward, least=least: toward[..., 2] > least) for least in (0.0, 0.5)]
+    assert len({geometry_key(each) for each in (scene, *skies)}) == 3
 
 
 def test_between_surfaces_nothing_is_hidden():
