@@ -166,10 +166,9 @@ def test_views_are_the_same_every_time_and_as_large_as_wanted(monkeypatch):
     assert {max(view.width, view.height) for view in first} == {100}
 
 
-def test_a_sketch_covers_what_the_splats_cover(monkeypatch):
+def test_a_sketch_covers_what_the_splats_cover():
     splats = dilated_splats("object")
-    monkeypatch.setattr(viewpoints, "SKETCH_SPLATS", 4000)
-    sketch = viewpoints.thinned(splats, np.random.default_rng(0))
+    sketch = viewpoints.thinned(splats, np.random.default_rng(0), 4000)
     assert len(sketch) == 4000
     near, bounds = near_plane(bounds_of(splats)), bounds_of(splats)
     shared = []
