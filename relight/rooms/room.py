@@ -43,6 +43,10 @@ how bright all lamps are together is known within a factor of two."""
 LEAST_SEEN = 0.3
 """Share of a lamp's area that must have been seen from where the capture stood."""
 
+SAMPLES = 4
+"""Samples of places whose strengths are averaged. From one to another of a trained parlour the lamp came out between 20
+and 31, and the clipped sky between 10.4 and 14.8; true are 22 and 12.9."""
+
 AVERAGING_ROUNDS = 6
 """Rounds in which the light of a lamp is averaged over neighbours: scans of rooms have noisy normals."""
 
@@ -141,15 +145,19 @@ def room_of(
     def light_of(lamp: lamps.Lamp) -> NDArray[np.float32]:
         return even.average(lamps.light_of(lamp, occluder, areas, normals), AVERAGING_ROUNDS)
 
-    def judged() -> tuple[received.RoomIrradiance, strengths.Strengths | None]:
+    def judged(sample: int = 0) -> tuple[received.RoomIrradiance, strengths.Strengths | None]:
         usable = seen & below
         for lamp in found:
             usable[lamp.rows] = False
         rows = [lamp.rows for lamp in found]
         stacked = np.stack(lights) if lights else np.zeros((0, len(captured)), np.float32)
         surface = received.RoomSurface(normals, captured, areas, usable)
-        places = received.places_of(occluder, surface, rows, stacked, sky, seed)
+        places = received.places_of(occluder, surface, rows, stacked, sky, seed + sample)
         return places, strengths.solve(places, np.array([lamp.color for lamp in found]).reshape(-1, 3))
+
+    def settled() -> strengths.Strengths:
+        samples_of = [(places, solved), *map(judged, range(1, SAMPLES))]
+        return strengths.averaged([(each, its) for each, its in samples_of if its is not None])
 
     lights = [light_of(lamp) for lamp in found]
     while True:  # until nothing more of it proves to be lit itself, or proves nothing
@@ -160,6 +168,8 @@ def room_of(
         if len(kept) == len(found):
             break
         found, lights = [found[k] for k in kept], [lights[k] for k in kept]
+    if solved is not None:
+        solved = settled()
     reason = "neither a lamp nor a window was found in it" if solved is None else _unlikely(solved)
     numbers: list[int] = []
     if pointed is not None:
@@ -180,7 +190,7 @@ def room_of(
                 break
             found, lights = [found[k] for k in kept], [lights[k] for k in kept]
         if solved is not None:
-            found, lights, solved = _in_place(first, found, lights, solved)
+            found, lights, solved = _in_place(first, found, lights, settled())
         reason = "" if solved is not None else "the lamps that were pointed at light nothing of what was seen"
     if solved is None or reason:
         return None, reason

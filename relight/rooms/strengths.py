@@ -6,6 +6,7 @@ neighbours, which mostly share a material, mostly agree in albedo (`albedo.fit`)
 inverse global illumination. Source: Yu et al., "Inverse global illumination" (1999).
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -139,6 +140,35 @@ def solve(places: RoomIrradiance, colors: NDArray[np.float64]) -> Strengths | No
         float(np.median(bright / luminance(received))),
         np.array([brought[group].sum() for group in groups]) / luminance(received).mean(),
         float(luminance(places.known).mean() / luminance(received).mean()),
+    )
+
+
+def averaged(found: Sequence[tuple[RoomIrradiance, Strengths]]) -> Strengths:
+    """Average the strengths that several samples of places give.
+
+    Parameters
+    ----------
+    found : sequence of (RoomIrradiance, Strengths)
+        Of the same lamps.
+
+    Returns
+    -------
+    Strengths
+        For the patches of the first: means of logarithms, of those of the patches that are nearest in the others, and
+        means of all else.
+    """
+    patches = found[0][0].patches
+    radiances, skies = [], []
+    for places, each in found:
+        radiances.append(np.log(np.maximum(each.radiance, 1e-30)))
+        nearest = (patches @ places.patches.T).argmax(axis=1) if len(places.patches) else np.zeros(0, np.int64)
+        skies.append(np.log(np.maximum(each.patches[nearest], 1e-30)))
+    rest = {name: np.mean([getattr(each, name) for _, each in found], axis=0) for name in ("evidence", "share")}
+    numbers = {
+        name: float(np.mean([getattr(each, name) for _, each in found])) for name in ("gain", "albedo", "share_known")
+    }
+    return Strengths(
+        radiance=np.exp(np.mean(radiances, axis=0)), patches=np.exp(np.mean(skies, axis=0)), **rest, **numbers
     )
 
 
