@@ -43,10 +43,6 @@ how bright all lamps are together is known within a factor of two."""
 LEAST_SEEN = 0.3
 """Share of a lamp's area that must have been seen from where the capture stood."""
 
-SAMPLES = 4
-"""Samples of places whose strengths are averaged. From one to another of a trained parlour the lamp came out between 20
-and 31, and the clipped sky between 10.4 and 14.8; true are 22 and 12.9."""
-
 AVERAGING_ROUNDS = 6
 """Rounds in which the light of a lamp is averaged over neighbours: scans of rooms have noisy normals."""
 
@@ -155,9 +151,8 @@ def room_of(
         places = received.places_of(occluder, surface, rows, stacked, sky, seed + sample)
         return places, strengths.solve(places, np.array([lamp.color for lamp in found]).reshape(-1, 3))
 
-    def settled() -> strengths.Strengths:
-        samples_of = [(places, solved), *map(judged, range(1, SAMPLES))]
-        return strengths.averaged([(each, its) for each, its in samples_of if its is not None])
+    def settled() -> strengths.Strengths | None:
+        return strengths.averaged([(places, solved), *map(judged, range(1, strengths.SAMPLES))])
 
     lights = [light_of(lamp) for lamp in found]
     while True:  # until nothing more of it proves to be lit itself, or proves nothing
@@ -168,8 +163,7 @@ def room_of(
         if len(kept) == len(found):
             break
         found, lights = [found[k] for k in kept], [lights[k] for k in kept]
-    if solved is not None:
-        solved = settled()
+    solved = settled()
     reason = "neither a lamp nor a window was found in it" if solved is None else _unlikely(solved)
     numbers: list[int] = []
     if pointed is not None:
@@ -189,8 +183,9 @@ def room_of(
             if len(kept) == len(found):
                 break
             found, lights = [found[k] for k in kept], [lights[k] for k in kept]
+        solved = settled()
         if solved is not None:
-            found, lights, solved = _in_place(first, found, lights, settled())
+            found, lights, solved = _in_place(first, found, lights, solved)
         reason = "" if solved is not None else "the lamps that were pointed at light nothing of what was seen"
     if solved is None or reason:
         return None, reason
