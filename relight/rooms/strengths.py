@@ -170,12 +170,15 @@ def averaged(found: Sequence[tuple[RoomIrradiance, Strengths | None]]) -> Streng
         radiances.append(np.log(np.maximum(each.radiance, 1e-30)))
         nearest = (patches @ places.patches.T).argmax(axis=1) if len(places.patches) else np.zeros(0, np.int64)
         skies.append(np.log(np.maximum(each.patches[nearest], 1e-30)))
-    rest = {name: np.mean([getattr(each, name) for _, each in pairs], axis=0) for name in ("evidence", "share")}
-    numbers = {
-        name: float(np.mean([getattr(each, name) for _, each in pairs])) for name in ("gain", "albedo", "share_known")
-    }
+    several = [each for _, each in pairs]
     return Strengths(
-        radiance=np.exp(np.mean(radiances, axis=0)), patches=np.exp(np.mean(skies, axis=0)), **rest, **numbers
+        np.exp(np.mean(radiances, axis=0)),
+        np.exp(np.mean(skies, axis=0)),
+        np.mean([each.evidence for each in several], axis=0),
+        float(np.mean([each.gain for each in several])),
+        float(np.mean([each.albedo for each in several])),
+        np.mean([each.share for each in several], axis=0),
+        float(np.mean([each.share_known for each in several])),
     )
 
 
