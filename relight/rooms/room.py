@@ -141,15 +141,18 @@ def room_of(
     def light_of(lamp: lamps.Lamp) -> NDArray[np.float32]:
         return even.average(lamps.light_of(lamp, occluder, areas, normals), AVERAGING_ROUNDS)
 
-    def judged() -> tuple[received.RoomIrradiance, strengths.Strengths | None]:
+    def judged(sample: int = 0) -> tuple[received.RoomIrradiance, strengths.Strengths | None]:
         usable = seen & below
         for lamp in found:
             usable[lamp.rows] = False
         rows = [lamp.rows for lamp in found]
         stacked = np.stack(lights) if lights else np.zeros((0, len(captured)), np.float32)
         surface = received.RoomSurface(normals, captured, areas, usable)
-        places = received.places_of(occluder, surface, rows, stacked, sky, seed)
+        places = received.places_of(occluder, surface, rows, stacked, sky, seed + sample)
         return places, strengths.solve(places, np.array([lamp.color for lamp in found]).reshape(-1, 3))
+
+    def settled() -> strengths.Strengths | None:
+        return strengths.averaged([(places, solved), *map(judged, range(1, strengths.SAMPLES))])
 
     lights = [light_of(lamp) for lamp in found]
     while True:  # until nothing more of it proves to be lit itself, or proves nothing
@@ -160,6 +163,7 @@ def room_of(
         if len(kept) == len(found):
             break
         found, lights = [found[k] for k in kept], [lights[k] for k in kept]
+    solved = settled()
     reason = "neither a lamp nor a window was found in it" if solved is None else _unlikely(solved)
     numbers: list[int] = []
     if pointed is not None:
@@ -179,6 +183,7 @@ def room_of(
             if len(kept) == len(found):
                 break
             found, lights = [found[k] for k in kept], [lights[k] for k in kept]
+        solved = settled()
         if solved is not None:
             found, lights, solved = _in_place(first, found, lights, solved)
         reason = "" if solved is not None else "the lamps that were pointed at light nothing of what was seen"
