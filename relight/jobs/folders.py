@@ -13,6 +13,7 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
+from splat2mesh.base import ahead
 from splat2mesh.base.console import recorded_warnings
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.outputs import check_output, staged_file
@@ -70,6 +71,7 @@ def relight_files(request: RelightRequest, stages: Stages | None = None) -> Reli
         return _relit_city(request, stages)
     with recorded_warnings() as messages:
         request, notes = meshed_request(request, stages)
+        ahead.expect()  # where the mesh was there before, nobody has said so
         return _relit(request, stages, messages, notes)
 
 
