@@ -28,6 +28,7 @@ def relight(scene, tmp_path, capsys):
     """Runs the command into `out`: its exit code, and what it said."""
 
     def relight(*more, light=LIGHT):
+        light = light[2:] if "--env" in more else light  # which would be another light beside it
         code = main([str(scene), "-o", str(tmp_path / "out"), *light, *more])
         return code, capsys.readouterr().err
 
