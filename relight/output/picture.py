@@ -39,19 +39,30 @@ HIDDEN = 1e-3
 NEAR = 0.002
 """Near plane of the splats, in diagonals of the scene."""
 
+EDGE_PERCENT = 5.0
+"""Percentile of the vertices' coordinates at which the floor of a room lies and its walls stand: what windows show
+outside lies beyond."""
+
 
 class RelitPicture:
     """A camera before a scene. What does not depend on the light is found once.
 
     The splats, where there are any, are drawn as any viewer draws them, else the mesh, in its texture or by its
     vertices. An object throws its shadow on
-    the ground below it; a place has its own ground. camera, width, height, samples: as of `Preview`.
+    the ground below it; a place has its own ground. camera, width, height, samples: as of `Preview`. indoors: the scene
+    is a closed room: holes in its floor are black, as in any viewer, and do not show the ground outside.
     """
 
     def __init__(
-        self, scene: "Scene", camera: dict | None = None, width: int = 960, height: int = 720, samples: int = 4
+        self,
+        scene: "Scene",
+        camera: dict | None = None,
+        width: int = 960,
+        height: int = 720,
+        samples: int = 4,
+        indoors: bool = False,
     ) -> None:
-        self._scene, self._samples = scene, samples
+        self._scene, self._samples, self._indoors = scene, samples, indoors
         self.mesh = Preview(scene, camera, width, height, samples)
         self.camera, self.view = self.mesh.camera, self.mesh.view
         self._drawn, self._surfaces = Drawn(scene), Drawn.surfaces(scene)
@@ -127,6 +138,8 @@ class RelitPicture:
         if environment is None:
             image[wanted] = PLAIN
             return image
+        if self._indoors:
+            wanted = wanted & ~self._through_floor(wanted)
         soft = self._scene.is_place and is_soft(environment, self._pixel / FINE)  # nothing is finer than a pixel
         shadows = self._ground_under(environment)
         rows, columns = np.nonzero(wanted)
@@ -161,6 +174,17 @@ class RelitPicture:
         seen = np.stack([(x - view.cx) / view.fx, (y - view.cy) / view.fy, np.ones_like(x)], axis=-1).reshape(-1, 3)
         seen /= np.linalg.norm(seen, axis=1, keepdims=True)
         return (seen @ view.camera_from_world[:3, :3]).astype(np.float32)
+
+    def _through_floor(self, wanted: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """(H, W) bool, which of some pixels look through the floor between the walls of a room."""
+        low, high = np.percentile(self._scene.vertices, [EDGE_PERCENT, 100.0 - EDGE_PERCENT], axis=0)
+        rows, columns = np.nonzero(wanted)
+        directions, eye = self._toward(rows, columns, 1), self.view.center
+        down = np.maximum(-directions[:, 1], 1e-6)
+        met = eye + directions * np.maximum((eye[1] - low[1]) / down, 0.0)[:, None]
+        through = np.zeros(wanted.shape, bool)
+        through[wanted] = ((met > low) & (met < high))[:, [0, 2]].all(axis=1) & (directions[:, 1] < 0.0)
+        return through
 
     def _ground_under(self, environment: "Environment") -> "GroundLight | None":
         """The light that reaches the ground; None for a place, which has its own."""

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from ..engine.relighter import Shaded
     from ..insert.inserts import InsertedLight
     from ..live.objects import LiveObjects
+    from .picture import RelitPicture
 
 PICTURE_SIZE = 960, 720
 
@@ -177,7 +178,6 @@ class Results:
         from .inserted_glb import write_inserted_glb
         from .inserted_picture import camera_of
         from .joined_splats import append_splats
-        from .picture import RelitPicture
 
         names: list[str] = []
         with self._stages.stage("write"):
@@ -191,7 +191,7 @@ class Results:
         if relit is None:
             return names
         with self._stages.stage("preview"):
-            picture = RelitPicture(self._scene, camera_of(shaded.inserted, self._scene), *PICTURE_SIZE)
+            picture = self._new_picture(camera_of(shaded.inserted, self._scene))
             mesh_files.write_png(folder / INSERTED[1], self._of_splats(picture, relit, shaded))
         return [*names, INSERTED[1]]
 
@@ -221,7 +221,6 @@ class Results:
         from ..insert.shadowed import ShadowedSplats
         from .inserted_picture import camera_of
         from .object_picture import mesh_with_objects
-        from .picture import RelitPicture
 
         points = np.concatenate([pose.standing.vertices for pose in poses])
         camera = camera_of(poses[len(poses) // 2], self._scene, points)
@@ -232,7 +231,7 @@ class Results:
             return lambda pose: mesh_with_objects(self._scene, radiance, pose, camera, PICTURE_SIZE, light, exposure)
         floor = self._relit.floor_under(shaded.inserted, shaded.exposure)
         bound = ShadowedSplats(poses, self._relit.without_objects(shaded), floor)
-        picture = RelitPicture(self._scene, camera, *PICTURE_SIZE)
+        picture = self._new_picture(camera)
 
         def drawn(pose: "InsertedLight") -> NDArray[np.uint8]:
             return self._of_splats(picture, bound.under(pose), shaded._replace(inserted=pose))
@@ -249,13 +248,17 @@ class Results:
             relit = with_objects(relit, shaded.inserted, shaded.exposure, picture.view, self._scene, floor=floor)
         return picture.of_splats(relit, light, shaded.exposure * shaded.backdrop)
 
-    def _painted(self, relit: Splats | None, shaded: "Shaded") -> NDArray[np.uint8]:
-        """The picture, (H, W, 3) uint8: of the relit splats, else of the texture, else of the mesh, as there are."""
+    def _new_picture(self, camera: dict[str, Any] | None) -> "RelitPicture":
+        """A RelitPicture of the scene; without a camera, by its own."""
         from .picture import RelitPicture
 
+        return RelitPicture(self._scene, camera, *PICTURE_SIZE, indoors=self._appearance.room is not None)
+
+    def _painted(self, relit: Splats | None, shaded: "Shaded") -> NDArray[np.uint8]:
+        """The picture, (H, W, 3) uint8: of the relit splats, else of the texture, else of the mesh, as there are."""
         light = None if isinstance(shaded.light, CapturedLight) else shaded.light
         exposure, behind = shaded.exposure, shaded.exposure * shaded.backdrop
-        self._picture = self._picture or RelitPicture(self._scene, None, *PICTURE_SIZE)
+        self._picture = self._picture or self._new_picture(None)
         if relit is not None:
             return self._of_splats(self._picture, relit, shaded)
         if self._shows_texture:
@@ -286,10 +289,8 @@ class Results:
 
     def _before(self) -> list[tuple[str, NDArray[np.uint8]]]:
         """Names and pictures of what was captured and, where it was estimated, of its albedo, before plain grey."""
-        from .picture import RelitPicture
-
         look = self._appearance
-        self._picture = self._picture or RelitPicture(self._scene, None, *PICTURE_SIZE)
+        self._picture = self._picture or self._new_picture(None)
         estimated = look.prior is not None and not look.kept and look.albedo is not None
         if self._splats is None:
             found = [(BEFORE[0], self._picture.of_vertices(look.captured, None, 1.0))]

@@ -46,6 +46,24 @@ def test_splats_are_drawn_as_any_viewer_draws_them_whatever_frame_they_are_in():
     assert np.abs(image - 255.0 * expected).max() <= 1.0  # rounding to bytes, and float32 poses
 
 
+def test_a_hole_in_the_floor_of_a_room_shows_no_ground_outside():
+    points = even_directions(10)
+    far = discs(points + np.array([0.0, 500.0, 0.0]), points, 0.1, 1e-3)  # in no picture
+    scene = Scene(ball_on_plate().chunks, capture={"from": "inside"})
+    above = {**FRONT, "eye": [0, 4, 12]}
+    outdoors, indoors = (RelitPicture(scene, above, *SIZE, indoors=each) for each in (False, True))
+    open_, closed = (each.of_splats(far, EVEN, 0.5, inset=False) for each in (outdoors, indoors))
+    black = (closed == 0).all(axis=-1)
+    assert (open_ > 0).all() and np.array_equal(open_[~black], closed[~black])
+    low, high = np.percentile(scene.vertices, [5, 95], axis=0)
+    corners = [[x, low[1], z, 1.0] for x in (low[0], high[0]) for z in (low[2], high[2])]
+    view = indoors.view
+    across, down, ahead, _ = view.camera_from_world @ np.transpose(corners)
+    columns, rows = view.fx * across / ahead + view.cx, view.fy * down / ahead + view.cy
+    for pixels, expected in zip(np.nonzero(black), (rows, columns), strict=True):
+        assert abs(pixels.min() - expected.min()) < 2 and abs(pixels.max() - expected.max()) < 2
+
+
 def test_the_mesh_is_shown_where_there_is_no_splat_with_smooth_edges():
     scene = ball_on_plate()
     shown = RelitPicture(scene, FRONT, *SIZE)
