@@ -19,7 +19,7 @@ from ..render.opacityfield import FieldDepth, field_depth
 from ..render.view import View
 from ..splats.splats import Splats
 from .freespace import FreeSpace
-from .oneside import sharp_side
+from .oneside import SUSPECTED, sharp_side
 
 OUTER_FOV_DEG, INNER_FOV_DEG = 40.0, 90.0
 CANDIDATE_PIXELS = 80
@@ -122,7 +122,7 @@ def virtual_views(
         fuzziness.append(fuzz)
         blur.append(fuzz / max(_edges(surface), 1e-12))
     backward = np.stack([-view.forward for view in candidates]) if candidates else np.zeros((0, 3))
-    front = sharp_side(backward[:count], np.array(blur[:count]), up) if space is None else None
+    front = sharp_side(backward[:count], np.array(blur[:count]), up, SUSPECTED) if space is None else None
     if front is not None:  # also what has plain walls behind; the surfaces of a clearer sketch decide
         clear = thinned(splats, np.random.default_rng(seed), CLEARER * SKETCH_SPLATS)
         seen = [_what_is_seen(field_depth(clear, view, near), view, bounds)[1] for view in candidates[:count]]
