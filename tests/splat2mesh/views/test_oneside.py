@@ -8,7 +8,7 @@ from splat2mesh.base.errors import DataWarning
 from splat2mesh.splats.joining import joined
 from splat2mesh.splats.splats import Splats
 from splat2mesh.views.oneside import CONTRAST, sharp_side
-from splat2mesh.views.viewpoints import even_directions, virtual_views
+from splat2mesh.views.viewpoints import OBJECT_SKETCH, even_directions, virtual_views
 
 UP = np.array([0.0, 1.0, 0.0])
 AROUND = even_directions(64)
@@ -38,12 +38,12 @@ def test_without_views_there_is_no_side():
     assert sharp_side(AROUND, np.full(64, np.inf), UP) is None
 
 
-def relief(behind):
+def relief(behind, apart=0.04):
     """A painted wall with a step, which faces +z, before large faint blobs where no camera looked."""
     rng = np.random.default_rng(0)
-    x, y = np.meshgrid(np.arange(-1, 1, 0.04), np.arange(-1, 1, 0.04))
+    x, y = np.meshgrid(np.arange(-1, 1, apart), np.arange(-1, 1, apart))
     points = np.stack([x.ravel(), y.ravel(), np.where(x.ravel() > 0, 0.2, 0.0)], axis=1)
-    wall = discs(points, np.tile([1e-6, 0, 1.0], (len(points), 1)), 0.03, 1e-3)
+    wall = discs(points, np.tile([1e-6, 0, 1.0], (len(points), 1)), 0.75 * apart, 1e-3)
     paint = rng.normal(0, 1, (len(points), 1, 3)).astype(np.float32)
     wall = Splats(wall.means, wall.scales, wall.quats_wxyz, wall.opacities, paint)
     if not behind:
@@ -57,6 +57,14 @@ def test_views_of_such_a_capture_stay_on_its_side():
         views = virtual_views(relief(True), 24, 64, UP, tell=True)
     assert views and all(view.forward[2] < 0.0 for view in views)
     assert len(virtual_views(relief(True), 24, 64, UP)) == len(views)  # silently
+
+
+def test_a_capture_larger_than_the_sketch_has_its_side_too():
+    large = relief(True, 0.012)
+    assert len(large) > OBJECT_SKETCH
+    with pytest.warns(DataWarning, match="captured from one side"):
+        views = virtual_views(large, 24, 64, UP, tell=True)
+    assert views and all(view.forward[2] < np.sin(np.radians(16.0)) for view in views)  # the side is known to 15 degrees
 
 
 def test_a_sheet_that_is_as_sharp_from_behind_is_seen_from_both_sides():
