@@ -60,11 +60,12 @@ def test_views_of_such_a_capture_stay_on_its_side():
 
 
 def test_a_capture_larger_than_the_sketch_has_its_side_too():
+    # The side is known to 15 degrees, so a view may look along the wall and that far past it.
     large = relief(True, 0.012)
     assert len(large) > OBJECT_SKETCH
     with pytest.warns(DataWarning, match="captured from one side"):
         views = virtual_views(large, 24, 64, UP, tell=True)
-    assert views and all(view.forward[2] < np.sin(np.radians(16.0)) for view in views)  # the side is known to 15 degrees
+    assert views and all(view.forward[2] < np.sin(np.radians(16.0)) for view in views)
 
 
 def test_a_sheet_that_is_as_sharp_from_behind_is_seen_from_both_sides():
