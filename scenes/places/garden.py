@@ -42,8 +42,8 @@ def garden(made, rng):
     _chair(made, (0.95, -0.95), 222.0, edge)
     _pots(made, rng, edge, round(0.13 * leaves), size)
     _hedge(made, rng, edge, round(0.13 * leaves), size)
-    _tree(made, rng, (4.4, 2.2), 1.0, GREEN, round(0.17 * leaves), size, edge)
-    _tree(made, rng, (-4.2, 5.4), 0.72, (0.55, 0.33, 0.36), round(0.09 * leaves), size, edge)
+    tree(made, rng, (4.4, 2.2), 1.0, GREEN, round(0.17 * leaves), size, edge)
+    tree(made, rng, (-4.2, 5.4), 0.72, (0.55, 0.33, 0.36), round(0.09 * leaves), size, edge)
     _woods(made, rng, round(0.17 * leaves), size, edge, height)
 
 
@@ -243,7 +243,8 @@ def _hedge(made, rng, edge, leaves, size):
     made.add_leaves(cards.scattered(places, outward, 0.17 * size, 0.13 * size, rng, 0.2), DARK_GREEN, rng, 0.3)
 
 
-def _tree(made, rng, place, scale, leaf, leaves, size, edge):
+def tree(made, rng, place, scale, leaf, leaves, size, edge):
+    """A tree at `place` (x, z), with `leaves` leaves of colour `leaf`; size: factor on theirs, as fewer are larger."""
     trunk_top = np.array([place[0], 1.75 * scale, place[1]])
     bend = rng.uniform(-0.1, 0.1, 2)
     trunk = [(place[0], -0.15, place[1]), (place[0] + bend[0], 0.8 * scale, place[1] + bend[1]), trunk_top]

@@ -17,6 +17,17 @@ def slab(low, high, edge, bevel=0.008):
     return moved(shapes.rounded_box(high - low, min(bevel, 0.4 * (high - low).min()), edge), (low + high) / 2)
 
 
+def block(low, high, edge, sides="xXyYzZ"):
+    """A sharp box between two corners, of unwelded flat sides. sides: which; capitals are the far ones."""
+    low, high = np.asarray(low, np.float64), np.asarray(high, np.float64)
+    size, sheets = np.diag(high - low), []
+    for side in sides:
+        axis = "xyz".index(side.lower())
+        along, up = size[(axis + 1) % 3], size[(axis + 2) % 3]
+        sheets.append(panel(low + size[axis], along, up, edge) if side.isupper() else panel(low, up, along, edge))
+    return joined(sheets)
+
+
 def moved(solid, position, turn_deg=0.0, tilt_deg=0.0):
     """A solid tilted about x, turned about y, then moved."""
     points, faces = solid

@@ -61,7 +61,7 @@ def noise(points, wavelength, seed=0, octaves=3):
 
 def plain(color, amount=0.2, wavelength=0.3, seed=0):
     """One colour whose brightness wanders by `amount`."""
-    return lambda points, _: _safe(np.asarray(color) * np.exp(amount * noise(points, wavelength, seed)))
+    return lambda points, _: bounded(np.asarray(color) * np.exp(amount * noise(points, wavelength, seed)))
 
 
 def foliage(color, leaf, seed=0):
@@ -69,7 +69,7 @@ def foliage(color, leaf, seed=0):
 
     def paint(points, _):
         spots = noise(points, leaf, seed, 2)
-        return _safe(np.asarray(color) * np.exp(1.5 * spots - 0.35 + 0.5 * noise(points, 5 * leaf, seed + 3)))
+        return bounded(np.asarray(color) * np.exp(1.5 * spots - 0.35 + 0.5 * noise(points, 5 * leaf, seed + 3)))
 
     return paint
 
@@ -81,8 +81,8 @@ def lawn(seed=0):
     def paint(points, _):
         dry = np.clip(0.45 + 1.3 * noise(points, 5.0, seed), 0, 1) ** 1.5
         bare = np.clip(2.2 * noise(points, 0.9, seed + 9) - 0.9, 0, 1)
-        base = _mixed(_mixed(green, yellow, 0.75 * dry), soil, bare)
-        return _safe(base * np.exp(0.3 * noise(points, 0.16, seed + 17)))
+        base = mixed(mixed(green, yellow, 0.75 * dry), soil, bare)
+        return bounded(base * np.exp(0.3 * noise(points, 0.16, seed + 17)))
 
     return paint
 
@@ -101,7 +101,7 @@ def flagstones(length=0.72, width=0.54, joint=0.024, seed=0):
         rim = np.minimum(np.minimum(across, width - across), np.minimum(along, stretch - along))
         rim = rim + 0.006 * noise(points, 0.08, seed + 5)[:, 0]
         moss = np.array([0.075, 0.08, 0.045]) * np.exp(0.4 * noise(points, 0.1, seed + 6))
-        return _safe(_mixed(moss, stone, _step(joint * 0.5, joint * 1.1, rim)))
+        return bounded(mixed(moss, stone, smoothstep(joint * 0.5, joint * 1.1, rim)))
 
     return paint
 
@@ -119,7 +119,7 @@ def bricks(length=0.3, height=0.1, joint=0.015, seed=0):
         clay = clay * np.exp(0.25 * noise(points, 0.05, seed + 2) + 0.2 * noise(points, 1.4, seed + 3))
         rim = np.minimum(np.minimum(rise, height - rise), np.minimum(run, length - run))
         mortar = np.array([0.44, 0.41, 0.36]) * np.exp(0.2 * noise(points, 0.2, seed + 4))
-        return _safe(_mixed(mortar, clay, _step(joint * 0.4, joint * 0.8, rim)))
+        return bounded(mixed(mortar, clay, smoothstep(joint * 0.4, joint * 0.8, rim)))
 
     return paint
 
@@ -137,7 +137,7 @@ def planks(color, along=(1.0, 0.0, 0.0), across=(0.0, 0.0, 1.0), width=0.12, len
         local = np.stack([run / 14.0, points @ across, points @ np.cross(along, across)], axis=1) + shift
         grain = np.exp(0.38 * noise(local, 0.035, seed + 2, 2) + 0.12 * noise(local, 0.12, seed + 3))
         edge = np.minimum(np.minimum(over, width - over), np.minimum(on, length - on))
-        return _safe(np.asarray(color) * tone * grain * (0.25 + 0.75 * _step(0.0, gap, edge)[:, None]))
+        return bounded(np.asarray(color) * tone * grain * (0.25 + 0.75 * smoothstep(0.0, gap, edge)[:, None]))
 
     return paint
 
@@ -149,8 +149,10 @@ def roof_tiles(color=(0.40, 0.17, 0.09), width=0.2, course=0.28, seed=0):
         row, down = np.divmod(points[:, 2] + 100.0 * course, course)
         column, over = np.divmod(points[:, 0] + 0.5 * width * (row % 2) + 100.0 * width, width)
         tone = np.exp(0.6 * (hashed(row, column, seed=seed) - 0.5) + 0.3 * noise(points, 0.9, seed + 1)[:, 0])
-        shade = 0.45 + 0.55 * np.minimum(_step(0.0, 0.05, down), _step(0.0, 0.02, np.minimum(over, width - over)))
-        return _safe(np.asarray(color) * (tone * shade)[:, None])
+        shade = 0.45 + 0.55 * np.minimum(
+            smoothstep(0.0, 0.05, down), smoothstep(0.0, 0.02, np.minimum(over, width - over))
+        )
+        return bounded(np.asarray(color) * (tone * shade)[:, None])
 
     return paint
 
@@ -162,8 +164,8 @@ def wallpaper(ground, print_color, period=0.34, seed=0):
         along = np.where(np.abs(normals[:, 0]) > np.abs(normals[:, 2]), points[:, 2], points[:, 0])
         u, v = 2 * np.pi * along / period, np.pi * points[:, 1] / period
         ogee = np.cos(u) * np.cos(v) + 0.35 * np.cos(2 * u) * np.cos(2 * v) + 0.25 * np.cos(3 * v) * np.cos(u)
-        ink = _step(0.28, 0.40, np.abs(ogee)) * (1.0 - 0.8 * _step(0.85, 0.95, np.abs(ogee)))
-        return _safe(_mixed(ground, print_color, ink) * np.exp(0.08 * noise(points, 0.5, seed)))
+        ink = smoothstep(0.28, 0.40, np.abs(ogee)) * (1.0 - 0.8 * smoothstep(0.85, 0.95, np.abs(ogee)))
+        return bounded(mixed(ground, print_color, ink) * np.exp(0.08 * noise(points, 0.5, seed)))
 
     return paint
 
@@ -181,7 +183,7 @@ def rug(center, half_size, colors, seed=0):
         teeth = 0.16 + 0.02 * np.sign(np.sin(place.sum(axis=1) * 60.0))
         for low, high, of in ((0.0, 0.05, colors[3]), (0.05, 0.07, colors[2]), (0.07, teeth, colors[1])):
             color = np.where(((inset >= low) & (inset < high))[:, None], of, color)
-        return _safe(color * np.exp(0.3 * noise(points, 0.02, seed, 2) + 0.12 * noise(points, 0.4, seed + 2)))
+        return bounded(color * np.exp(0.3 * noise(points, 0.02, seed, 2) + 0.12 * noise(points, 0.4, seed + 2)))
 
     return paint
 
@@ -195,15 +197,15 @@ def landscape(corner, right, up, seed=0):
         at = points - corner
         u, v = at @ right / (right @ right), at @ up / (up @ up)
         line = np.stack([3.0 * u + 11.0 * seed, 0 * u, 0 * u], axis=1)
-        color = _mixed(glow, sky, np.clip((v - 0.45) / 0.5, 0, 1))
+        color = mixed(glow, sky, np.clip((v - 0.45) / 0.5, 0, 1))
         cloud = noise(np.stack([2.0 * u, 7.0 * v, 0 * u + seed], axis=1), 0.8, seed + 5)[:, 0]
-        color = _mixed(color, [0.8, 0.74, 0.68], _step(0.1, 0.5, cloud) * (v > 0.5))
+        color = mixed(color, [0.8, 0.74, 0.68], smoothstep(0.1, 0.5, cloud) * (v > 0.5))
         for level, tone, number in ((0.52, 1.9, 1), (0.4, 1.0, 2)):
             ridge = level + 0.14 * noise(line + number, 0.7, seed + number)[:, 0]
             color = np.where((v < ridge)[:, None], hill * tone, color)
         rows = np.exp(0.4 * np.sin(60.0 * (u - 0.5) / np.maximum(0.45 - v, 0.06)))[:, None]
         color = np.where((v < 0.24 + 0.05 * u)[:, None], field * rows, color)
-        return _safe(color * np.exp(0.35 * noise(points, 0.03, seed + 8, 2)))
+        return bounded(color * np.exp(0.35 * noise(points, 0.03, seed + 8, 2)))
 
     return paint
 
@@ -214,22 +216,24 @@ def rings(palette, period, axis=1, seed=0):
 
     def paint(points, _):
         band = np.floor(points[:, axis] / period + 0.12 * noise(points, 0.15, seed)[:, 0]).astype(int) % len(palette)
-        return _safe(palette[band] * np.exp(0.15 * noise(points, 0.06, seed + 1)))
+        return bounded(palette[band] * np.exp(0.15 * noise(points, 0.06, seed + 1)))
 
     return paint
 
 
-def _mixed(first, second, share):
+def mixed(first, second, share):
+    """`first` where share is 0, `second` where it is 1. share: (N,) or (N, 1)."""
     share = np.asarray(share)
     share = share[:, None] if share.ndim == 1 else share
     return np.asarray(first) * (1.0 - share) + np.asarray(second) * share
 
 
-def _step(low, high, value):
+def smoothstep(low, high, value):
     """0 below `low`, 1 above `high`, smooth between (Ken Perlin's smoothstep)."""
     share = np.clip((value - low) / (high - low), 0.0, 1.0)
     return share * share * (3.0 - 2.0 * share)
 
 
-def _safe(color):
+def bounded(color):
+    """Colours within the range of the albedos."""
     return np.clip(color, UNLIT, WHITEST)

@@ -75,7 +75,12 @@ def garden_capture(garden, garden_light):
 
 
 def test_places_are_sound(place):
-    if place.kind not in ("garden", "lounge"):  # furniture needs its corners, however few are wished
+    if place.kind not in (
+        "garden",
+        "lounge",
+        "courtyard",
+        "street",
+    ):  # furniture needs its corners, however few are wished
         assert abs(len(place.vertices) / VERTICES - 1) < 0.2
     np.testing.assert_allclose(np.linalg.norm(place.normals, axis=1), 1, atol=1e-5)
     assert np.unique(place.faces).size == len(place.vertices)
@@ -96,6 +101,29 @@ def test_paints_say_what_the_vertices_have(garden):
     again = garden.albedo(garden.vertices[rows], garden.normals[rows], garden.part[rows], garden.albedo_linear[rows])
     # Paints see float32 places instead of float64: a few vertices lie on a joint.
     assert (np.abs(again - garden.albedo_linear[rows]).max(axis=1) < 0.01).mean() > 0.97
+
+
+@pytest.mark.parametrize("kind", ["courtyard", "street"])
+def test_another_seed_furnishes_a_place_of_houses_anew(kind):
+    first, again, other = (build_place(kind, seed, VERTICES) for seed in (5, 5, 6))
+    for name in ("vertices", "normals", "faces", "albedo_linear", "part"):
+        np.testing.assert_array_equal(getattr(first, name), getattr(again, name))
+    assert np.abs(np.ptp(first.vertices, axis=0) - np.ptp(other.vertices, axis=0)).max() > 0.1
+
+
+@pytest.mark.parametrize("kind", ["courtyard", "street"])
+def test_a_walk_stays_between_the_houses_and_meets_fronts(kind):
+    """No eye stands inside a thing: the nearest surface on every ray shows its front."""
+    for seed in range(3):
+        place = build_place(kind, seed, VERTICES)
+        wrong = 0
+        for view in capture_views(place, 12, 24):
+            toward = (view.ray_directions() * FLIP).reshape(-1, 3)
+            hits = caster_of(place).first_hits(np.hstack([np.broadcast_to(view.center * FLIP, toward.shape), toward]))
+            corners = place.vertices[place.faces[hits.faces]]
+            out = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+            wrong += ((np.einsum("nk,nk->n", out, toward) > 0) & (hits.faces >= 0)).sum()
+        assert wrong < 0.002 * 12 * 24 * 24  # seams
 
 
 @pytest.mark.parametrize(("kind", "vertices"), [("barn", VERTICES), ("garden", 10)])

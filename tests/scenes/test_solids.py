@@ -5,7 +5,8 @@ import pytest
 
 from scenes.albedo import DARKEST, LIGHTEST, checker, patches, random_colors, stripes
 from scenes.places import cards
-from scenes.places.solids import ground, joined, limb, moved, panel, slab
+from scenes.places.courtyard import arch
+from scenes.places.solids import block, ground, joined, limb, moved, panel, slab
 from scenes.places.walls import walls
 
 
@@ -43,6 +44,21 @@ def test_a_closed_solid_has_no_area_on_the_whole_and_keeps_its_volume_wherever_i
         np.testing.assert_allclose(areas(solid).sum(axis=0), 0, atol=1e-9)
     both = joined([box, turned])
     assert volume(both) == pytest.approx(2 * volume(box)) and both[1].max() == len(both[0]) - 1
+
+
+def test_a_block_is_its_sides_seen_from_outside():
+    whole = block((0, 1, 2), (1, 3, 5), 0.4)
+    assert volume(whole) == pytest.approx(6.0, rel=1e-9)
+    np.testing.assert_allclose(areas(whole).sum(axis=0), 0, atol=1e-12)
+    np.testing.assert_allclose(areas(block((0, 1, 2), (1, 3, 5), 0.4, "Xy")).sum(axis=0), [6, -3, 0], atol=1e-12)
+
+
+def test_an_arch_leaves_out_its_opening():
+    front, back, soffit = arch(2.0, 1.5, 3.0, 0.2, 0.3, 0.02)
+    left = 2.0 * 1.5 - np.pi * 0.8**2 / 2  # a polygon of edges 0.02 in the half disc misses less than 1e-3
+    np.testing.assert_allclose(areas(front).sum(axis=0), [0, 0, left], atol=1e-3)
+    np.testing.assert_allclose(areas(back).sum(axis=0), [0, 0, -left], atol=1e-3)
+    np.testing.assert_allclose(areas(soffit).sum(axis=0), [0, -2.0 * 0.3, 0], atol=1e-9)  # closed above by a roof
 
 
 def test_a_limb_is_a_prism_about_its_path():
