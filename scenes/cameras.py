@@ -19,6 +19,7 @@ FLIP = np.array([1.0, -1.0, -1.0])
 """Its diagonal: multiplies points and vectors to take them from either frame into the other."""
 
 ORBIT_ELEVATION_DEG = {"tabletop": (8.0, 65.0), "ceramics": (8.0, 65.0), "object": (-50.0, 70.0)}
+ORBIT_ELEVATION_DEG |= {"figure": (-10.0, 60.0), "machine": (-5.0, 70.0), "still-life": (8.0, 70.0)}
 """Lowest and highest ring of an orbit; a tabletop is not seen from below."""
 
 ORBIT_DISTANCE = 2.6

@@ -7,6 +7,10 @@ import numpy as np
 from splat2mesh.base.errors import InputError
 
 from . import albedo, shapes
+from .figure import figure
+from .machine import machine
+from .shapes import placed
+from .still_life import still_life
 
 SINK = 0.012
 """How deep objects stand in what carries them, so that no light leaks under them."""
@@ -156,17 +160,17 @@ def _room(rng, edge):
     return solids
 
 
-KINDS = {"tabletop": _tabletop, "room": _room, "object": _object}
+KINDS = {
+    "tabletop": _tabletop,
+    "room": _room,
+    "object": _object,
+    "figure": figure,
+    "machine": machine,
+    "still-life": still_life,
+}
 
 
 def _slab(low, high, edge):
     """A lightly rounded box between two corners."""
     low, high = np.asarray(low, np.float64), np.asarray(high, np.float64)
     return placed(shapes.rounded_box(high - low, 0.02, edge), (low + high) / 2)
-
-
-def placed(solid, position, turn_deg=0.0):
-    """A solid turned about the y axis, then moved."""
-    points, faces = solid
-    sin, cos = np.sin(np.radians(turn_deg)), np.cos(np.radians(turn_deg))
-    return points @ np.array([[cos, 0, -sin], [0, 1, 0], [sin, 0, cos]]) + position, faces

@@ -62,6 +62,22 @@ def turned(profile, edge):
     return _revolved(even, edge, closed=False)
 
 
+def placed(solid, position, turn_deg=0.0):
+    """A solid turned about the y axis, then moved."""
+    points, faces = solid
+    sin, cos = np.sin(np.radians(turn_deg)), np.cos(np.radians(turn_deg))
+    return points @ np.array([[cos, 0, -sin], [0, 1, 0], [sin, 0, cos]]) + position, faces
+
+
+def joined(solids):
+    """Several solids as one."""
+    starts = np.cumsum([0, *(len(points) for points, _ in solids[:-1])])
+    return (
+        np.concatenate([points for points, _ in solids]),
+        np.concatenate([faces + start for (_, faces), start in zip(solids, starts, strict=True)]),
+    )
+
+
 def vertex_normals(vertices, faces):
     """Area-weighted unit vertex normals: (V, 3) float64."""
     first, second, third = (vertices[faces[:, corner]] for corner in range(3))
@@ -100,7 +116,14 @@ def _box_surface(*axes):
 
 def _revolved(profile, edge, closed):
     """Turn (P, 2) points (radius, height) about the y axis; ends of an open profile become single poles."""
-    segments = max(8, round(2 * np.pi * profile[:, 0].max() / edge))
+    return revolved(profile, max(8, round(2 * np.pi * profile[:, 0].max() / edge)), closed)
+
+
+def revolved(profile, segments, closed=False):
+    """A polyline turned about the y axis in `segments` steps, its corners kept.
+
+    profile: (P, 2) of (radius, height) with the solid on its left. Unless closed, its ends lie on the axis.
+    """
     angle = np.linspace(0.0, 2 * np.pi, segments, endpoint=False)
     radius, height = profile[:, :1], profile[:, 1:]
     vertices = np.stack(

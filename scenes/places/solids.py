@@ -9,6 +9,7 @@ import itertools
 import numpy as np
 
 from .. import shapes
+from ..shapes import joined
 
 
 def slab(low, high, edge, bevel=0.008):
@@ -37,15 +38,6 @@ def moved(solid, position, turn_deg=0.0, tilt_deg=0.0):
     return points @ (about_y @ about_x).T + np.asarray(position), faces
 
 
-def joined(solids):
-    """Several solids as one."""
-    starts = np.cumsum([0, *(len(points) for points, _ in solids[:-1])])
-    return (
-        np.concatenate([points for points, _ in solids]),
-        np.concatenate([faces + start for (_, faces), start in zip(solids, starts, strict=True)]),
-    )
-
-
 def panel(corner, along, up, edge, holes=(), overlap=0.0):
     """A flat sheet from `corner` over the vectors `along` and `up`; its front looks along their cross product.
 
@@ -63,6 +55,8 @@ def panel(corner, along, up, edge, holes=(), overlap=0.0):
     points = corner + u.reshape(-1, 1) / lengths[0] * np.asarray(along) + v.reshape(-1, 1) / lengths[1] * np.asarray(up)
     index = np.arange(u.size).reshape(u.shape)
     quads = np.stack([index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]], axis=-1)
+    if not len(holes):
+        return points, quads.reshape(-1, 4)[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)
     middle_u, middle_v = (lines[0][1:] + lines[0][:-1]) / 2, (lines[1][1:] + lines[1][:-1]) / 2
     kept = np.ones(quads.shape[:2], bool)
     for (u0, v0), (u1, v1) in holes:

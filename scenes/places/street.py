@@ -34,10 +34,12 @@ def street(made, rng):
         _hedge(made, rng, (half, wall), round(0.3 * leaves), size)
     else:
         _row(made, rng, half, Front((half, KERB_M, wall), 180.0, 2 * half, 0.0))
-    closing = Front((half + 0.1, 0.0, -wall - 2.0), -90.0, 2 * wall + 4.0, rng.uniform(5.0, 8.0))
-    paint = wall_paint(rng)
-    facade(made, closing, paint, rng)
-    crowned(made, closing, rng, paint)
+    across = 2 * wall + 4.0
+    ends = (half + 0.1, -wall - 2.0, -90.0), (-half * rng.uniform(1.05, 1.5), wall + 2.0, 90.0)
+    for x, z, turn_deg in ends:
+        closing, paint = Front((x, 0.0, z), turn_deg, across, rng.uniform(4.0, 8.0)), wall_paint(rng)
+        facade(made, closing, paint, rng)
+        crowned(made, closing, rng, paint)
     for side in (-1, 1):
         _cars(made, rng, half, side * (road - 0.95))
     _posts(made, rng, half, road + 0.3)
