@@ -1,4 +1,6 @@
-"""A figure: a bust with shoulders, neck, head and hair on a turned plinth, of smooth solids that grow into each other."""
+"""A figure: a bust with shoulders, neck, head and hair on a turned plinth, of smooth solids that melt together."""
+
+# ruff: noqa: RUF005 - a list added to an array shifts it
 
 import numpy as np
 
@@ -14,7 +16,7 @@ ROUNDS = 18
 
 
 def figure(rng, edge):
-    """A bust in five paints: plinth, robe, head, hair, clasp. The seed chooses proportions, turn, folds, hair, paints."""
+    """A bust in five paints: plinth, robe, head, hair, clasp. The seed chooses all proportions and folds."""
     colors, patchy = albedo.palette(rng, 10)
     wide, deep = rng.uniform(0.30, 0.44), rng.uniform(0.17, 0.24)
     tall, head = rng.uniform(0.07, 0.16), np.array([0.135, 0.18, 0.155]) * rng.uniform(0.85, 1.15, 3)
@@ -31,7 +33,8 @@ def figure(rng, edge):
     folds, phase, slant = rng.uniform(0.0, 0.02), rng.uniform(0, 2 * np.pi), rng.uniform(-3, 3)
 
     def creased(points):
-        return folds * np.sin(9.0 * np.arctan2(points[:, 0], points[:, 2]) + slant * points[:, 1] + phase)
+        axial = np.minimum((points[:, 0] ** 2 + points[:, 2] ** 2) / 0.15**2, 1.0)  # smooth where all folds meet
+        return folds * axial * np.sin(9.0 * np.arctan2(points[:, 0], points[:, 2]) + slant * points[:, 1] + phase)
 
     torso = grown(chest, robe, edge, creased)
     nose, chin = rng.uniform(0.02, 0.035), rng.uniform(0.05, 0.075)
@@ -46,7 +49,7 @@ def figure(rng, edge):
         (turned(0, -0.15 * head[1], head[2]), (nose, 2 * nose, 1.3 * nose)),
         (turned(0.95 * head[0], -0.1 * head[1], 0), (0.025, 0.045, 0.03)),
         (turned(-0.95 * head[0], -0.1 * head[1], 0), (0.025, 0.045, 0.03)),
-        (neck - [0, 0.03, 0], (0.065, 0.14 + 0.5 * tall, 0.065)),
+        (neck - [0, 0.03, 0], (0.065, 0.1 + 0.5 * tall, 0.065)),
     ]
     bun, curl = rng.uniform(0.05, 0.11), rng.uniform(0.0, 0.012)
     hair = [

@@ -1,5 +1,7 @@
 """A still life: fruit, a jug, a bowl, a loaf, a candle and a book on a plate and a cloth with folds."""
 
+# ruff: noqa: RUF005 - a list added to an array shifts it
+
 import numpy as np
 
 from . import albedo, shapes

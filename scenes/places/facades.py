@@ -81,17 +81,20 @@ def crowned(made, front, rng, paint, deep=5.0):
     edge, wide, tall = made.edge, front.wide, front.tall
     made.add(front.placed(block((0, 0, -deep), (wide, tall, 0), 1.5 * edge, "xX")), paint)
     out = rng.uniform(0.1, 0.35)
-    cornice = [block((-0.03, tall - 0.22, -0.3), (wide + 0.03, tall, out), edge, "xXyYZ")]
-    cornice.append(block((-0.02, tall - 0.36, 0), (wide + 0.02, tall - 0.22, 0.5 * out), edge, "xXyZ"))
+    cornice = [block((0, tall - 0.22, -0.3), (wide, tall, out), edge, "xXyYZ")]
+    cornice.append(block((0, tall - 0.36, 0), (wide, tall - 0.22, 0.5 * out), edge, "xXyZ"))
     made.add(front.placed(cornice), plain(STONES[rng.integers(1, 4)], 0.12, 0.6))
     rise = rng.uniform(1.2, 2.4) if rng.random() < 0.6 else 0.0
-    slope = panel(np.array([-0.1, tall, out + 0.1]), (wide + 0.2, 0, 0), (0, rise, -deep / 2), 1.5 * edge)
+    ridge = -deep / 2 if rise else -deep
+    slopes = [panel(np.array([0, tall, out]), (wide, 0, 0), (0, rise, ridge - out), 1.5 * edge)]
+    if rise:
+        slopes.append(panel(np.array([wide, tall, -deep]), (-wide, 0, 0), (0, rise, deep / 2), 3.0 * edge))
     tiles = np.array([(0.40, 0.17, 0.09), (0.12, 0.12, 0.13), (0.30, 0.22, 0.15)])[rng.integers(3)]
     made.add(
-        front.placed(slope), rings([tiles, 0.6 * tiles, 1.15 * tiles], 0.09, 1) if rise else plain(tiles, 0.3, 0.8)
+        front.placed(slopes), rings([tiles, 0.6 * tiles, 1.15 * tiles], 0.09, 1) if rise else plain(tiles, 0.3, 0.8)
     )
     if rise:
-        ends = [(np.array([(x, tall, 0), (x, tall, -deep), (x, tall + rise, -deep / 2)]), None) for x in (0.0, wide)]
+        ends = [(np.array([(x, tall, out), (x, tall, -deep), (x, tall + rise, ridge)]), None) for x in (0.0, wide)]
         gables = [
             (corners, np.array([order])) for (corners, _), order in zip(ends, ([0, 2, 1], [0, 1, 2]), strict=True)
         ]
