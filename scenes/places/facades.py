@@ -79,7 +79,7 @@ def facade(made, front, paint, rng, storey=None):
 def crowned(made, front, rng, paint, deep=5.0):
     """What is above and behind a front: its cornice, its sides and a flat or a tiled roof. deep: of the house."""
     edge, wide, tall = made.edge, front.wide, front.tall
-    made.add(front.placed(block((0, 0, -deep), (wide, tall, 0), 1.5 * edge, "xX")), paint)
+    ends = [block((0, 0, -deep), (wide, tall, 0), 1.5 * edge, "xX")]
     out = rng.uniform(0.1, 0.35)
     cornice = [block((0, tall - 0.22, -0.3), (wide, tall, out), edge, "xXyYZ")]
     cornice.append(block((0, tall - 0.36, 0), (wide, tall - 0.22, 0.5 * out), edge, "xXyZ"))
@@ -93,12 +93,9 @@ def crowned(made, front, rng, paint, deep=5.0):
     made.add(
         front.placed(slopes), rings([tiles, 0.6 * tiles, 1.15 * tiles], 0.09, 1) if rise else plain(tiles, 0.3, 0.8)
     )
-    if rise:
-        ends = [(np.array([(x, tall, out), (x, tall, -deep), (x, tall + rise, ridge)]), None) for x in (0.0, wide)]
-        gables = [
-            (corners, np.array([order])) for (corners, _), order in zip(ends, ([0, 2, 1], [0, 1, 2]), strict=True)
-        ]
-        made.add(front.placed(gables), paint)
+    for x, order in ((0.0, [0, 2, 1]), (wide, [0, 1, 2])) if rise else ():
+        ends.append((np.array([(x, tall, out), (x, tall, -deep), (x, tall + rise, ridge)]), np.array([order])))
+    made.add(front.placed(ends), paint)
 
 
 def _openings(front, storey, rng):

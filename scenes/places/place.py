@@ -1,4 +1,4 @@
-"""Places: gardens and rooms with paints, leaves, lamps and windows, and the paths of a visitor."""
+"""Places: gardens, streets and rooms with paints, leaves, lamps and windows, and the paths of a visitor."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

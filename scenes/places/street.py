@@ -22,7 +22,7 @@ def street(made, rng):
     """Furnish a street along x; see the module. The seed chooses its width, houses, paints, cars and trees."""
     edge, leaves = made.edge, made.leaves_wanted
     made.transmittance = 0.3
-    half, road = rng.uniform(10.0, 14.0), rng.uniform(2.0, 3.2)
+    half, road = rng.uniform(10.0, 14.0), rng.uniform(2.8, 3.8)
     pave = rng.uniform(1.5, 2.4)
     made.walk = partial(walk, half, road)
     _ground(made, rng, half, road, pave)
@@ -55,7 +55,7 @@ def walk(half, road, steps):
     """Up one side of the road and down the other, looking ahead, at the houses and up at their roofs."""
     count = len(steps)
     along = 0.8 * half * np.sin(2 * np.pi * steps * (1 - 1 / count) + 0.3)
-    across = 0.3 * road * np.cos(2 * np.pi * steps + 0.3)
+    across = 0.14 * road * np.cos(2 * np.pi * steps + 0.3)
     eyes = np.stack([along, 1.5 + 0.35 * np.sin(2.4 * np.arange(count)), across], axis=1)
     turn = np.array([0.0, 0.9, 1.6, 2.4, 3.1, 3.9, 4.7, 5.4])[(3 * np.arange(count)) % 8]
     rise = np.array([-0.12, 0.08, 0.3])[np.arange(count) % 3]
@@ -82,7 +82,7 @@ def _row(made, rng, half, line):
     """Houses side by side along a line, each with its own height, paint and openings."""
     storey, start = rng.uniform(2.6, 3.1), 0.0
     while start < 2 * half - 2.0:
-        wide = min(rng.uniform(3.8, 7.5), line.wide - start)
+        wide = min(rng.uniform(4.6, 8.0), line.wide - start)
         tall = storey * rng.integers(1, 4) + rng.uniform(0.5, 1.2)
         corner = np.asarray(line.placed((np.array([[start, 0.0, 0.0]]), None))[0][0])
         front, paint = Front(tuple(corner), line.turn_deg, wide, tall), wall_paint(rng)

@@ -132,7 +132,7 @@ def test_impossible_places_are_refused(kind, vertices):
         build_place(kind, 0, vertices)
 
 
-@pytest.mark.parametrize("kind", ["garden", "nook", "forest", "white-sky"])
+@pytest.mark.parametrize("kind", ["garden", "courtyard", "nook", "forest", "white-sky"])
 def test_furnace(kind):
     """Where every surface gives off what it does not reflect, and the sky is 1, all radiance is 1."""
     found = build_place(kind, 2, VERTICES)

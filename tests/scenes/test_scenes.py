@@ -17,10 +17,11 @@ from relight.transfer.raytraced import raytraced
 from scenes import KINDS, SceneTruth, bake, build, capture_views, exposure, seen_faces, shapes, splats_from
 from scenes.__main__ import main
 from scenes.cameras import FLIP, SCENE_FROM_SPLAT, write_colmap
+from scenes.figure import grown
 from scenes.splat import _from_z_to, _then_about_axis
 from splat2mesh.base.errors import InputError
 from splat2mesh.render.rasterize import rasterize
-from splat2mesh.scene.color import srgb_from_linear
+from splat2mesh.scene.color import luminance, srgb_from_linear
 from splat2mesh.scene.meshfile import read_mesh
 from splat2mesh.splats.formats import read_splats
 from splat2mesh.views.colmap import read_colmap
@@ -104,6 +105,21 @@ def test_same_seed_same_scene_and_other_seed_other_scene(truth):
         np.testing.assert_array_equal(getattr(again, name), getattr(truth, name))
     assert other.part.max() == truth.part.max()
     assert not np.array_equal(other.albedo_linear[:100], truth.albedo_linear[:100])
+
+
+@pytest.mark.parametrize("kind", ["figure", "machine", "still-life"])
+def test_seeds_are_dark_and_light_even_and_patchy(kind):
+    tones = [np.log(luminance(build(kind, seed, 2000).albedo_linear)) for seed in range(16)]
+    medians, spreads = (np.array([measure(tone) for tone in tones]) for measure in (np.median, np.std))
+    assert np.exp(medians.min()) < 0.15 and np.exp(medians.max()) > 0.5
+    assert spreads.min() < 0.15 and spreads.max() > 0.5
+
+
+def test_a_grown_solid_is_its_ellipsoid():
+    axes = np.array([0.3, 0.5, 0.2])
+    points, faces = grown(np.array([1.0, 2.0, 3.0]), [((1.0, 2.0, 3.0), axes)], 0.03, lambda at: 0 * at[:, 0])
+    np.testing.assert_allclose(np.linalg.norm((points - [1, 2, 3]) / axes, axis=1), 1.0, atol=1e-5)
+    assert volume(points, faces) == pytest.approx(4 / 3 * np.pi * axes.prod(), rel=0.02)  # inscribed facets
 
 
 def test_tessellation_leaves_the_shape_alone(truth):
