@@ -10,8 +10,8 @@ from splat2mesh.scene.gltftextures import Texture
 
 from .refine import carried, refined
 
-STEPS = 10
-"""Rounds of refinement at most: from a face of 1,024 texels a side to single ones."""
+STEPS = 12
+"""Times that edges are halved at most: from a face of 4,096 texels a side to single ones."""
 
 PARTS, LATER_PARTS = 6, 3
 """Into which each side of a face is cut to find both sides of a mask on it, first and in halved faces."""
@@ -82,12 +82,12 @@ def cut_out(surface: Masked, faces: Faces, most_faces: int) -> tuple[Faces, list
     `refined` that lead to the surface that it cuts.
     """
     rounds: list[Integers] = []
-    fine, parts = surface, PARTS
-    while True:
-        weights = _lattice(parts)
+    fine = surface
+    for step in range(STEPS + 1):
+        weights = _lattice(LATER_PARTS if step else PARTS)
         alpha = fine.alpha(faces, weights) >= fine.cutoff
         coarse = alpha.any(axis=1) & ~alpha.all(axis=1) & (fine.texels(faces) > 1.0)
-        if not coarse.any() or len(faces) > most_faces or len(rounds) >= STEPS:
+        if not coarse.any() or len(faces) > most_faces or step == STEPS:
             break
         corners = fine.points[faces[coarse]].astype(np.float64)
         longest = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2).max()
@@ -96,7 +96,7 @@ def cut_out(surface: Masked, faces: Faces, most_faces: int) -> tuple[Faces, list
         faces, more = refined(fine.points, faces, 0.5 * float(longest), most_faces, wanted)
         if not more:
             break
-        rounds, fine, parts = rounds + more, fine.refined(more), LATER_PARTS
+        rounds, fine = rounds + more, fine.refined(more)
     mostly = alpha.mean(axis=1) >= 0.5  # of faces that stay too large to be cut
     at_vertices = fine.opacity if fine.texture is None else fine.opacity * fine.texture.alpha(fine.uv)
     kept, cut = _clipped(faces[~coarse], faces[coarse & mostly], np.asarray(at_vertices, np.float64), surface.cutoff)
@@ -120,12 +120,15 @@ def _clipped(faces: Integers, whole: Integers, alpha: NDArray[np.float64], cutof
     o, p, q = _turned(two, (~inside[two]).argmax(axis=1)).T
     edges = np.concatenate([np.stack(pair, axis=1) for pair in ((a, b), (a, c), (o, p), (o, q))])
     pairs, place = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True)
-    ab, ac, op, oq = np.split(place.reshape(-1) + len(alpha), np.cumsum([len(a), len(a), len(o)]))
+    low, high = alpha[pairs].T
+    share = (cutoff - low) / np.where(high == low, 1.0, high - low)
+    # Where the mask crosses an edge at its end, that vertex; elsewhere a new one.
+    met = np.select([share <= 0.0, share >= 1.0], [*pairs.T], np.arange(len(pairs)) + len(alpha))[place.reshape(-1)]
+    ab, ac, op, oq = np.split(met, np.cumsum([len(a), len(a), len(o)]))
     kept = [whole, faces[number == 3], np.stack([a, ab, ac], axis=1)]
     kept += [np.stack([op, p, q], axis=1), np.stack([op, q, oq], axis=1)]
     corners = np.concatenate(kept)
-    low, high = alpha[pairs].T
-    share = (cutoff - low) / np.where(high == low, 1.0, high - low)
+    corners = corners[(corners != np.roll(corners, -1, axis=1)).all(axis=1)]
     every = np.concatenate([np.repeat(np.arange(len(alpha))[:, None], 2, axis=1), pairs])
     used, rows = np.unique(corners, return_inverse=True)
     cut = Cut(every[used], np.concatenate([np.zeros(len(alpha)), share])[used])
