@@ -52,12 +52,13 @@ class Texture:
     """A picture on vertices.
 
     pixels: (H, W, 4) uint8 or uint16, sRGB and alpha. uv: (V, 2) float64, transformed. wraps: those of its sampler,
-    across and down.
+    across and down. decoded: whether it is that of the file, not a grey texel in its place.
     """
 
     pixels: NDArray[Any]
     uv: NDArray[np.float64]
     wraps: tuple[int, int]
+    decoded: bool = True
 
     def color(self, uv: NDArray, least_alpha: float = 0.0) -> NDArray[np.float32]:
         """(N, 3) float32 linear of the nearest texels at (N, 2); where one has less alpha, of those around it that have
@@ -138,11 +139,11 @@ class Textures:
             self._lost[info["index"]] = ", ".join(texture.extensions or {}) or "another kind of picture"
             pixels = np.full((1, 1, 4), 255, np.uint8)
             pixels[..., :3] = round(255 * (1.055 * GREY ** (1 / 2.4) - 0.055))
-            return Texture(pixels, np.zeros((len(uv), 2)), (0, 0))
+            return Texture(pixels, np.zeros((len(uv), 2)), (0, 0), False)
         return None
 
-    def encoded(self, index: int) -> bytes | None:
-        """The picture of a texture as PNG or JPEG, which every program reads; None where it cannot be decoded."""
+    def encoded(self, index: int) -> bytes:
+        """The picture of a texture as PNG or JPEG, which every program reads. Raises InputError for none."""
         from PIL import Image
 
         for source in _sources(entry(self._data.document.textures, index)):
@@ -154,7 +155,7 @@ class Textures:
                 packed = io.BytesIO()
                 Image.fromarray(pixels.astype(np.uint8)).save(packed, "PNG")
                 return packed.getvalue()
-        return None
+        raise InputError(f"{self._data.path}: texture {index} has no picture that can be decoded")
 
     def warn_lost(self) -> None:
         """Give one DataWarning about textures that could not be decoded."""
