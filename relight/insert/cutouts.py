@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Faces, Floats, Integers, Mask, Points
-from splat2mesh.scene.gltftextures import Texture
+from splat2mesh.scene.gltftextures import MappedTexture
 
 from .refine import carried, refined
 
@@ -53,7 +53,7 @@ class Masked(NamedTuple):
     points: Points
     uv: NDArray[np.float64]
     opacity: Floats
-    texture: Texture | None
+    texture: MappedTexture | None
     cutoff: float
 
     def refined(self, rounds: list[Integers]) -> "Masked":

@@ -14,7 +14,7 @@ from splat2mesh.base.inputs import quiet_numbers, reading
 from splat2mesh.scene.color import linear_from_srgb
 from splat2mesh.scene.gltf import GltfData, entry
 from splat2mesh.scene.gltfmesh import Piece, placed_pieces
-from splat2mesh.scene.gltftextures import Texture, Textures, base_color
+from splat2mesh.scene.gltftextures import MappedTexture, Textures, base_color
 from splat2mesh.scene.mesh import Mesh, vertex_normals
 from splat2mesh.scene.meshfile import read_mesh
 
@@ -113,10 +113,10 @@ class _Raw:
 
     def __init__(self, points: NDArray, normals: NDArray, faces: Faces, color: NDArray) -> None:
         self.points, self.normals, self.faces, self.color = points, normals, faces, color
-        self.texture: Texture | None = None
+        self.texture: MappedTexture | None = None
         self.cutoff: float | None = None
         self.emitted = np.zeros(3)
-        self.glow: Texture | None = None
+        self.glow: MappedTexture | None = None
         self.material: int | None = None
         self.node: int | None = None
 

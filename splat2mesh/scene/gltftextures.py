@@ -48,7 +48,7 @@ def base_color(material: Any) -> tuple[list[float], Any]:
 
 
 @dataclass(frozen=True, eq=False)
-class Texture:
+class MappedTexture:
     """A picture on vertices.
 
     pixels: (H, W, 4) uint8 or uint16, sRGB and alpha. uv: (V, 2) float64, transformed. wraps: those of its sampler,
@@ -121,9 +121,9 @@ class Textures:
         self._pictures: dict[int, NDArray[Any] | None] = {}
         self._lost: dict[int, str] = {}
 
-    def on(self, info: Any, held: dict[str, NDArray]) -> Texture | None:
-        """The Texture of a textureInfo on vertices that hold attributes; None without coordinates, or where it shows no
-        picture. Raises InputError for pictures that are too large."""
+    def on(self, info: Any, held: dict[str, NDArray]) -> MappedTexture | None:
+        """The MappedTexture of a textureInfo on vertices that hold attributes; None without coordinates, or where it
+        shows no picture. Raises InputError for pictures that are too large."""
         moved = (info.get("extensions") or {}).get(TRANSFORM) or {}
         number = moved.get("texCoord", info.get("texCoord"))
         uv = held.get(f"TEXCOORD_{number or 0}")
@@ -134,12 +134,12 @@ class Textures:
         for source in _sources(texture):
             pixels = self._picture(source)
             if pixels is not None:
-                return Texture(pixels, _moved(uv, moved), (sampler.get("wrapS") or 0, sampler.get("wrapT") or 0))
+                return MappedTexture(pixels, _moved(uv, moved), (sampler.get("wrapS") or 0, sampler.get("wrapT") or 0))
         if _sources(texture):
             self._lost[info["index"]] = ", ".join(texture.extensions or {}) or "another kind of picture"
             pixels = np.full((1, 1, 4), 255, np.uint8)
             pixels[..., :3] = round(255 * (1.055 * GREY ** (1 / 2.4) - 0.055))
-            return Texture(pixels, np.zeros((len(uv), 2)), (0, 0), False)
+            return MappedTexture(pixels, np.zeros((len(uv), 2)), (0, 0), False)
         return None
 
     def encoded(self, index: int) -> bytes:
