@@ -8,6 +8,7 @@ from relight.insert.asked import asked_inserts
 from relight.insert.cutouts import Masked, cut_out
 from relight.insert.objects import read_object
 from splat2mesh.base.errors import InputError
+from splat2mesh.render.raycaster import RayCaster
 from splat2mesh.scene.color import linear_from_srgb
 from splat2mesh.scene.gltftextures import MappedTexture
 
@@ -93,6 +94,20 @@ def test_an_object_is_cut_and_keeps_its_colour_up_to_its_edge(tmp_path):
     np.testing.assert_allclose(part.albedo, np.tile(color, (len(part.vertices), 1)), rtol=1e-6)
     # What follows the vertices of the file, such as a pose, comes out at those of the part.
     np.testing.assert_allclose(part.carried(CORNERS), part.vertices, atol=1e-6)
+
+
+def test_rays_pass_where_the_mask_is_clear_and_nowhere_else(tmp_path):
+    pixels = mask(1.0 - disc(64))  # a square with a round hole
+    path = write_square(tmp_path / "a.glb", textured(alphaMode="MASK"), [packed(pixels)], [{"source": 0}])
+    found = read_object(asked_inserts([f"{path} at=0,0,0"])[0])
+    across = (np.arange(100) + 0.5) / 100
+    x, z = (each.ravel() for each in np.meshgrid(across, across))
+    rays = np.zeros((len(x), 6), np.float32)
+    rays[:, 0], rays[:, 1], rays[:, 2], rays[:, 4] = x, 1.0, z, -1.0
+    hit = np.isfinite(RayCaster(found.joined("vertices"), found.faces).first_hits(rays).distance)
+    away = np.hypot(x - 0.5, z - 0.5)
+    clear = np.abs(away - 0.35) > np.sqrt(2) / 64  # a texel from the edge
+    np.testing.assert_array_equal(hit[clear], away[clear] > 0.35)
 
 
 @pytest.mark.parametrize(("factor", "left"), [(0.6, 1.0), (0.4, 0.0)])
