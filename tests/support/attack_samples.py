@@ -174,10 +174,13 @@ def _lights(folder):
             tiles.xSize = tiles.ySize = 8
             header |= {"type": OpenEXR.tiledimage, "tiles": tiles}
         channels = {"RGB": pixels.astype(np.float16) if kind == "piz.exr" else pixels}
+        if kind == "piz.exr":
+            header |= {"chromaticities": (0.713, 0.293, 0.165, 0.83, 0.128, 0.044, 0.32168, 0.33767)}
+            channels |= {"AO.R": pixels[..., 0].copy(), "AO.G": pixels[..., 1].copy(), "AO.B": pixels[..., 2].copy()}
         OpenEXR.File(header, channels).write(str(folder / f"whole.{kind}"))
         found[f"light.{kind}"] = {"a.exr": (folder / f"whole.{kind}").read_bytes()}, "a.exr"
     found["light.hdr"] = {"a.hdr": imagecodecs.rgbe_encode(pixels)}, "a.hdr"
-    head = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\nEXPOSURE=2.0\n\n+Y 4 -X 6\n"
+    head = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\nEXPOSURE=2.0\nPRIMARIES=.7 .3 .2 .8 .1 .05 .31 .33\n\n+Y 4 -X 6\n"
     row = bytes([9, 80, 200, 129, 1, 1, 1, 3, 7, 80, 200, 130, 6, 5, 4, 129])
     found["light.old.hdr"] = {"a.hdr": head + 4 * row}, "a.hdr"
     return found
@@ -221,6 +224,8 @@ def _cameras(folder):
 
 
 def _others(folder):
+    from textured_quads import packed, textured, write_square
+
     from relight.transfer.store import Cache
 
     objects = [
@@ -233,5 +238,13 @@ def _others(folder):
     (folder / "cache").mkdir()
     Cache(folder / "cache", "geometry").put("transfer", "raytraced", 3, 8, 0, transfer=np.zeros((12, 9), np.float32))
     kept = next((folder / "cache").glob("*.npz"))
+    pixels = np.full((16, 16, 4), 255, np.uint8)
+    pixels[:, 8:, 3] = 0
+    moved = {"extensions": {"KHR_texture_transform": {"offset": [0.1, 0.2], "rotation": 0.3, "scale": [1.5, 0.5]}}}
+    copies = {"TRANSLATION": np.zeros((3, 3)), "ROTATION": np.tile([0, 0, 0, 1.0], (3, 1))}
+    textures = [{"extensions": {"EXT_texture_webp": {"source": 0}}}]
+    material = textured(moved, alphaMode="MASK")
+    path = write_square(folder / "square.glb", material, [packed(pixels, "WEBP")], textures, copies)
+    found["object"] = {"a.glb": path.read_bytes()}, "a.glb"
     found["cache"] = {f"cache/{kept.name}": kept.read_bytes()}, "cache"
     return found
