@@ -160,8 +160,8 @@ def tube_view(
     float,
     float,
 ]:
-    """Of a tube as a point sees it: the unit directions along its axis, towards that and aside; where along it the point
-    is nearest, how long it is, and how far off its axis is."""
+    """Of a tube as a point sees it: the unit directions along its axis, towards that and aside; where along it the
+    point is nearest, how long it is, and how far off its axis is."""
     length = math.sqrt(first[0] ** 2 + first[1] ** 2 + first[2] ** 2)
     ax, ay, az = first[0] / length, first[1] / length, first[2] / length
     wx, wy, wz = px - place[0], py - place[1], pz - place[2]

@@ -263,7 +263,7 @@ def test_tables_give_no_figure_for_errors_over_no_light():
     lines = found.table()
     assert next(line for line in lines if SHADOWS in line).split() == [SHADOWS, ">", "1000%", "traced"]
     assert all(float(word[:-1]) <= 1000.0 for line in lines for word in line.split() if word.endswith("%"))
-    assert all(len(line.partition("%")[0]) == 17 for line in lines[lines.index("accuracy against time") + 2 :])
+    assert all(len(line.partition("%")[0]) == 19 for line in lines[lines.index("accuracy against time") + 2 :])
 
 
 # -- checks after the work
