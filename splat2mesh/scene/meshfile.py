@@ -21,7 +21,7 @@ from .plymesh import read_ply
 from .stlmesh import read_stl
 from .surfaces import UncheckedMesh, centred, check_corners
 
-READERS: dict[str, Callable[[Path], UncheckedMesh]] = {
+READERS: dict[str, Callable[..., UncheckedMesh]] = {
     ".ply": read_ply,
     ".obj": read_obj,
     ".glb": read_gltf,
@@ -30,6 +30,9 @@ READERS: dict[str, Callable[[Path], UncheckedMesh]] = {
     ".off": read_off,
 }
 READABLE_SUFFIXES = tuple(READERS)
+
+WITH_MATERIALS = (".obj", ".glb", ".gltf")
+"""Kinds whose materials have colours and pictures."""
 
 LARGEST_COORDINATE = 1e15
 """Beyond it squares, cubes and the areas of faces leave float32; the same length is absurd in a splat."""
@@ -41,7 +44,7 @@ LOOKED_AT, INVERTED = 4096, 0.9
 """Faces in the sample, and the share of reversed normals from which on a warning follows."""
 
 
-def read_mesh(path: str | os.PathLike[str], in_place: bool = False) -> Mesh:
+def read_mesh(path: str | os.PathLike[str], in_place: bool = False, painted: bool = True) -> Mesh:
     """Read a mesh file; polygons become triangle fans, missing normals are computed, missing colours are white.
 
     Parameters
@@ -50,6 +53,8 @@ def read_mesh(path: str | os.PathLike[str], in_place: bool = False) -> Mesh:
         Ends in one of `READABLE_SUFFIXES`.
     in_place : bool
         Whether it is a part of something and must not be moved, however small and far from the origin it is.
+    painted : bool
+        Whether vertices take the colours of materials: their factor times their picture at the vertex.
 
     Returns
     -------
@@ -65,7 +70,7 @@ def read_mesh(path: str | os.PathLike[str], in_place: bool = False) -> Mesh:
     Warns
     -----
     DataWarning
-        About what is left out, and about a mesh that was moved to the origin because float32 would lose it where it is.
+        About what is left out, pictures that cannot be read, and about a mesh that was moved to the origin because float32 would lose it where it is.
     """
     path = Path(path)
     if not os.path.lexists(path) or path.is_dir():
@@ -75,7 +80,8 @@ def read_mesh(path: str | os.PathLike[str], in_place: bool = False) -> Mesh:
         raise InputError(f"{path}: not a readable mesh file; expected one of {' '.join(READABLE_SUFFIXES)}")
     file_size(path, "mesh file")
     with reading(path), quiet_numbers():
-        return checked_mesh(reader(path), path, in_place)
+        found = reader(path, painted) if path.suffix.lower() in WITH_MATERIALS else reader(path)
+        return checked_mesh(found, path, in_place)
 
 
 def checked_mesh(surface: UncheckedMesh, path: str | os.PathLike[str], in_place: bool = False) -> Mesh:
