@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from splat2mesh.base.ahead import LIST, compiled_ahead, expect
 from splat2mesh.base.collecting import compile_without_collector, import_without_collector
 from splat2mesh.base.commandline import chosen, several, share
-from splat2mesh.base.console import Display, notify, run
+from splat2mesh.base.console import Display, notify, open_streams, run
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.progress import Stages
 from splat2mesh.base.requests import given, option_names
@@ -45,6 +45,7 @@ the sun of a date an arrow to the north, for `--north`."""
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; returns the exit code."""
+    open_streams()
     words = parser().parse_args(arguments)
     display = display_options(words)
     return run(lambda: _command(words, display, arguments is None), display, option_names(parser()))

@@ -21,7 +21,7 @@ from .base.choices import (
 )
 from .base.collecting import compile_without_collector
 from .base.commandline import Parser, chosen, count
-from .base.console import Display, peak_mb, run
+from .base.console import Display, open_streams, peak_mb, run
 from .base.errors import InputError
 from .base.manual import add_manuals, offer
 from .base.requests import given, option_names
@@ -188,6 +188,7 @@ def display_options(words: argparse.Namespace) -> Display:
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; returns the exit code."""
+    open_streams()
     words = parser().parse_args(arguments)
     display = display_options(words)
     return run(lambda: _command(words, display, arguments is None), display, option_names(parser()))

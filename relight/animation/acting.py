@@ -12,7 +12,7 @@ from splat2mesh.scene.mesh import Mesh
 from ..insert.asked import AskedInsert
 from ..insert.inserts import Inserts
 from ..insert.objects import InsertedObject, Part
-from ..insert.refine import carried, unit
+from ..insert.refine import unit
 from .animation import Animation
 
 SAMPLED = 8
@@ -69,4 +69,4 @@ def _posed(each: InsertedObject, animation: Animation, time_s: float) -> Inserte
 
 def _part(part: Part, pose: tuple[NDArray[np.float32], NDArray[np.float32]]) -> Part:
     vertices, normals = pose
-    return replace(part, vertices=carried(vertices, part.rounds), normals=unit(carried(normals, part.rounds)))
+    return replace(part, vertices=part.carried(vertices), normals=unit(part.carried(normals)))

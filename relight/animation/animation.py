@@ -1,6 +1,6 @@
 """Animated glTF: skinned, morphing and moving meshes, posed at any time, as chunks of a scene."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ from splat2mesh.base.errors import InputError
 from splat2mesh.base.inputs import reading
 from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
 from splat2mesh.scene.gltf import MODES, TRIANGLES, GltfData, entry, triangles, warn_skipped
-from splat2mesh.scene.gltfnodes import global_matrices, hierarchy, initial_transforms
+from splat2mesh.scene.gltfnodes import global_matrices, hierarchy, initial_transforms, instances
 from splat2mesh.scene.gltftextures import Textures
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene
@@ -94,7 +94,7 @@ class Animation:
         else:
             normals = morphed(part.normals, part.normal_targets, weights)
         if part.skin is None or part.joints is None or part.joint_weights is None:
-            return moved(vertices, normals, matrices[part.node])
+            return moved(vertices, normals, matrices[part.node] @ part.node_from_part)
         joints, inverse_bind = self._skins[part.skin]
         return skinned(vertices, normals, part.joints, part.joint_weights, matrices[joints] @ inverse_bind)
 
@@ -159,7 +159,8 @@ class Animation:
                 if mode not in MODES or primitive.attributes.POSITION is None:
                     skipped += 1
                     continue
-                parts.append(self._read_part(index, node, mesh, primitive, mode))
+                part = self._read_part(index, node, mesh, primitive, mode)
+                parts += [replace(part, node_from_part=each) for each in instances(self._data, index)]
         warn_skipped(self._data.path, skipped, "sets of points or lines")
         if not parts:
             raise InputError(f"{self._data.path}: holds no triangles; expected a triangle mesh")
@@ -238,7 +239,7 @@ class AnimatedPart:
 
     vertices: (V, 3) float32, before morphing and skinning. normals: the same, or None. faces: (F, 3) int32.
     colors_srgb: (V, 3) uint8. vertex_targets, normal_targets: (M, V, 3) float32. weights: (M,) of the first pose.
-    skin: number, or None. joints, joint_weights: (V, J).
+    skin: number, or None. joints, joint_weights: (V, J). node_from_part: (4, 4), of a copy.
     """
 
     node: int
@@ -252,6 +253,7 @@ class AnimatedPart:
     skin: int | None
     joints: NDArray[np.int64] | None
     joint_weights: NDArray[np.float32] | None
+    node_from_part: NDArray[np.float64] = field(default_factory=lambda: np.eye(4))
 
 
 def face_normals(

@@ -1,10 +1,9 @@
 """Inserted objects as arrays: triangles fine enough to carry light, albedo, and the pictures of their files."""
 
-import io
 import os
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,11 +14,13 @@ from splat2mesh.base.inputs import quiet_numbers, reading
 from splat2mesh.scene.color import linear_from_srgb
 from splat2mesh.scene.gltf import GltfData, entry
 from splat2mesh.scene.gltfmesh import Piece, placed_pieces
+from splat2mesh.scene.gltftextures import Texture, Textures, base_color
 from splat2mesh.scene.mesh import Mesh, vertex_normals
 from splat2mesh.scene.meshfile import read_mesh
 
 from .asked import AskedInsert
-from .refine import carried, refined, unit
+from .cutouts import Cut, Masked, carried_through, cut_out
+from .refine import refined, unit
 
 if TYPE_CHECKING:
     from .splat_object import SplatObject
@@ -36,8 +37,8 @@ GREY = 0.5
 DARKEST, LIGHTEST = 0.02, 0.95
 """Range of albedo, as for captures: soot to fresh snow."""
 
-MOST_TEXELS = 1 << 26
-"""Most texels of all pictures of a file together."""
+CUTOFF = 0.5
+"""Alpha from which on a mask leaves the surface, where the file gives none. Source: glTF 2.0, alphaCutoff."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,8 +46,9 @@ class Part:
     """A part of an object with one material.
 
     vertices, normals: (V, 3) float32, y up. faces: (F, 3) int32. color: (V, 4) float32 linear, factor on the texture.
-    uv: (V, 2) float32 or None. albedo, emission: (V, 3) float32 linear, including the texture. material: its index in
-    the document, or None. node: of the document, or None. rounds: the `refined` rounds since its file.
+    uv: (V, 2) float32 or None, as its texture is looked up. albedo, emission: (V, 3) float32 linear, including the
+    texture. material: its index in the document, or None. node: of the document, or None. rounds: the `refined` rounds
+    since its file. cut: of an alpha mask after these, or None.
     """
 
     vertices: NDArray[np.float32]
@@ -59,6 +61,11 @@ class Part:
     material: int | None = None
     node: int | None = None
     rounds: "list[Integers]" = field(default_factory=list)
+    cut: Cut | None = None
+
+    def carried(self, values: NDArray) -> NDArray:
+        """Values of the vertices in the file, (N, ...), at those of the part."""
+        return carried_through(values, self.rounds, self.cut)
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,21 +100,24 @@ def read_object(asked: AskedInsert) -> InsertedObject:
     if not packed:
         return InsertedObject(asked.name, [_fine(_of_mesh(mesh, asked), tint)])
     data = GltfData(os.fspath(source))
-    pictures: dict[Any, NDArray] = {}
+    textures = Textures(data)
     with reading(source), quiet_numbers():
-        parts = [_fine(_of_piece(data, piece, pictures, asked), tint, mesh) for piece in placed_pieces(data)]
+        parts = [_fine(_of_piece(data, piece, textures, asked), tint, mesh) for piece in placed_pieces(data)]
+    textures.warn_lost()
+    if not any(len(part.faces) for part in parts):
+        raise InputError(f"{source}: its alpha masks leave nothing of it; export it opaque")
     return InsertedObject(asked.name, parts, data)
 
 
 class _Raw:
-    """A part before refinement. texture: (H, W, 3) linear, or None; glow: likewise, of its emission."""
+    """A part before refinement. texture, glow: of its colour and its emission. cutoff: of its alpha mask, or None."""
 
     def __init__(self, points: NDArray, normals: NDArray, faces: Faces, color: NDArray) -> None:
         self.points, self.normals, self.faces, self.color = points, normals, faces, color
-        self.uv: NDArray | None = None
-        self.texture: NDArray | None = None
+        self.texture: Texture | None = None
+        self.cutoff: float | None = None
         self.emitted = np.zeros(3)
-        self.glow: NDArray | None = None
+        self.glow: Texture | None = None
         self.material: int | None = None
         self.node: int | None = None
 
@@ -120,7 +130,7 @@ def _of_mesh(mesh: Mesh, asked: AskedInsert) -> _Raw:
     return _Raw(mesh.vertices, mesh.normals, mesh.faces, color)
 
 
-def _of_piece(data: GltfData, piece: Piece, pictures: dict[Any, NDArray], asked: AskedInsert) -> _Raw:
+def _of_piece(data: GltfData, piece: Piece, textures: Textures, asked: AskedInsert) -> _Raw:
     faces = piece.faces[:, ::-1] if piece.mirrored else piece.faces
     points = np.asarray(piece.points, np.float32)
     normals = piece.held.get("NORMAL")
@@ -138,17 +148,15 @@ def _of_piece(data: GltfData, piece: Piece, pictures: dict[Any, NDArray], asked:
         return raw
     raw.material = piece.material
     material = entry(data.document.materials, piece.material)
-    surface = material.pbrMetallicRoughness
-    factor = (surface and surface.baseColorFactor) or [1.0] * 4
+    factor, texture = base_color(material)
     color *= np.clip(np.asarray(factor, np.float32), 0.0, 1.0)
-    if surface and surface.baseColorTexture:
-        raw.uv = piece.held.get(f"TEXCOORD_{surface.baseColorTexture.texCoord or 0}")
-        if raw.uv is not None:
-            raw.texture = _texture(data, surface.baseColorTexture.index, pictures)
+    raw.texture = texture and textures.on(texture, piece.held)
+    if material.alphaMode == "MASK":
+        raw.cutoff = float(CUTOFF if material.alphaCutoff is None else material.alphaCutoff)
     strength = ((material.extensions or {}).get("KHR_materials_emissive_strength") or {}).get("emissiveStrength", 1.0)
     raw.emitted = np.asarray(material.emissiveFactor or [0.0] * 3, np.float64) * float(strength)
-    if material.emissiveTexture and raw.emitted.any() and raw.uv is not None:
-        raw.glow = _texture(data, material.emissiveTexture.index, pictures)
+    if material.emissiveTexture and raw.emitted.any():
+        raw.glow = textures.on(material.emissiveTexture, piece.held)
     return raw
 
 
@@ -157,41 +165,26 @@ def _fine(raw: _Raw, tint: NDArray, whole: Mesh | None = None) -> Part:
     extent = raw.points if whole is None else whole.vertices
     diagonal = float(np.linalg.norm(np.ptp(extent.astype(np.float64), axis=0)))
     faces, rounds = refined(raw.points, raw.faces, diagonal / FINENESS, MOST_FACES)
-    points, color = carried(np.asarray(raw.points, np.float32), rounds), carried(raw.color, rounds)
-    uv = None if raw.uv is None else carried(np.asarray(raw.uv, np.float32), rounds)
+    cut = None
+    if raw.cutoff is not None:
+        uv = np.zeros((len(raw.points), 2)) if raw.texture is None else raw.texture.uv
+        whole = Masked(np.asarray(raw.points, np.float64), uv, raw.color[:, 3], raw.texture, raw.cutoff).refined(rounds)
+        faces, more, cut = cut_out(whole, faces, MOST_FACES)
+        rounds = rounds + more
+
+    def at_vertices(values: NDArray) -> NDArray:
+        return carried_through(values, rounds, cut)
+
+    color = at_vertices(raw.color)
     color[:, :3] *= tint.astype(np.float32)
-    albedo = color[:, :3] * (1.0 if uv is None or raw.texture is None else _looked_up(raw.texture, uv))
+    albedo, uv = color[:, :3], None
+    if raw.texture is not None:
+        uv = at_vertices(np.asarray(raw.texture.uv, np.float32))
+        albedo = albedo * raw.texture.color(uv, raw.cutoff or 0.0)
     emission = np.broadcast_to(raw.emitted, albedo.shape)
-    if uv is not None and raw.glow is not None:
-        emission = emission * _looked_up(raw.glow, uv)
-    normals = unit(carried(np.asarray(raw.normals, np.float32), rounds))
+    if raw.glow is not None:
+        emission = emission * raw.glow.color(at_vertices(np.asarray(raw.glow.uv, np.float32)))
+    points, normals = at_vertices(np.asarray(raw.points, np.float32)), unit(at_vertices(np.float32(raw.normals)))
     reflected = np.asarray(np.clip(albedo, DARKEST, LIGHTEST), np.float32)
-    uv = uv if raw.texture is not None else None
     sent = emission.astype(np.float32)
-    return Part(points, normals, faces, color, uv, reflected, sent, raw.material, raw.node, rounds)
-
-
-def _texture(data: GltfData, index: Any, pictures: dict[Any, NDArray]) -> NDArray | None:
-    """(H, W, 3) float32 linear of a texture; None of one without a picture."""
-    from PIL import Image
-
-    source = entry(data.document.textures, index).source
-    if source is None:
-        return None
-    if source not in pictures:
-        room = MOST_TEXELS - sum(each.shape[0] * each.shape[1] for each in pictures.values())
-        with Image.open(io.BytesIO(data.encoded(entry(data.document.images, source)))) as opened:
-            if opened.width * opened.height > room:
-                raise InputError(f"{data.path}: its pictures have over {MOST_TEXELS:,} pixels; make them smaller")
-            pixels = np.asarray(opened.convert("RGB"), np.float32) / np.float32(255.0)
-        pictures[source] = linear_from_srgb(pixels).astype(np.float32)
-    return pictures[source]
-
-
-def _looked_up(texture: NDArray, uv: NDArray) -> NDArray[np.float32]:
-    """(V, 3) of the nearest texels, as textures repeat."""
-    height, width = texture.shape[:2]
-    place = np.nan_to_num(uv.astype(np.float64)) % 1.0
-    column = np.minimum((place[:, 0] * width).astype(np.int64), width - 1)
-    row = np.minimum((place[:, 1] * height).astype(np.int64), height - 1)
-    return np.asarray(texture[row, column], np.float32)
+    return Part(points, normals, faces, color, uv, reflected, sent, raw.material, raw.node, rounds, cut)

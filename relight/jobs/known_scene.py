@@ -287,12 +287,12 @@ class KnownScene(Inputs):
         given = self.request.cameras
         if given is None:
             return None
-        from splat2mesh.views.cameras import read_cameras, trained_views
+        from splat2mesh.views.cameras import trained_views, usable_views
 
         if self.splats is not None:
             views = trained_views(given, self.splats[1][0], clean(self.splats[0])[0])
         else:
-            views = [view for view in read_cameras(given)[0] if view is not None]
+            views = usable_views(given)
         if not views:
             raise InputError(f"`cameras` {given}: expected cameras that see the scene, found none")
         return [moved_view(view, self.read_scene.scene_from_splat) for view in views]

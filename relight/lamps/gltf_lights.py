@@ -3,7 +3,6 @@
 Source: Khronos, "glTF 2.0 Specification", KHR_lights_punctual, KHR_materials_emissive_strength, KHR_texture_transform.
 """
 
-import io
 import math
 import os
 from typing import Any
@@ -13,19 +12,16 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.inputs import quiet_numbers, reading
-from splat2mesh.scene.color import linear_from_srgb
 from splat2mesh.scene.gltf import GltfData, entry, warn_skipped
 from splat2mesh.scene.gltfmesh import Piece, placed_pieces
 from splat2mesh.scene.gltfnodes import global_matrices, hierarchy, initial_transforms
+from splat2mesh.scene.gltftextures import Textures
 
 from .asked import AskedLamp, Brightness, in_picture_units
 from .color import WHITE
 from .shapes import Lamp, MeshLamp, SphereLamp, SpotLamp
 
 PUNCTUAL = "KHR_lights_punctual"
-
-MOST_TEXELS = 1 << 26
-"""Most texels of all pictures of a file: four times the largest of a sign."""
 
 _PARTS = 6
 """Into which each side of a face is cut, to look it up in its texture in the middle of each of the 36 triangles."""
@@ -106,11 +102,11 @@ def _glow(data: GltfData) -> AskedLamp:
         raise InputError(f"{data.path}: holds no lamps: no point or spot light ({PUNCTUAL}) and no emissive mesh")
     vertices, faces, radiance, first = [], [], [], 0
     pieces = [piece for piece in placed_pieces(data) if piece.material in glowing]
-    pictures: dict[Any, NDArray] = {}
+    textures = Textures(data)
     both = [bool(data.document.materials[piece.material].doubleSided) for piece in pieces]
     for piece, two_sided in zip(pieces, both, strict=True):
         corners = piece.faces[:, ::-1] if piece.mirrored else piece.faces
-        light = _emission(data, piece, corners, pictures)
+        light = _emission(data, piece, corners, textures)
         bright = light.any(axis=1)
         corners, light = corners[bright] + first, light[bright]
         if two_sided and not all(both):  # beside others that are not
@@ -119,6 +115,7 @@ def _glow(data: GltfData) -> AskedLamp:
         faces.append(corners)
         radiance.append(light)
         first += len(piece.points)
+    textures.warn_lost()
     if not any(len(each) for each in faces):
         raise InputError(f"{data.path}: holds no lamps: its emissive materials have no faces, or black textures")
     corners, used = np.concatenate(faces), np.concatenate(vertices)
@@ -127,29 +124,18 @@ def _glow(data: GltfData) -> AskedLamp:
     return AskedLamp(shape, Brightness(1.0, "picture"), name=data.path.stem)
 
 
-def _emission(data: GltfData, piece: Piece, corners: NDArray, pictures: dict[Any, NDArray]) -> NDArray[np.float64]:
+def _emission(data: GltfData, piece: Piece, corners: NDArray, textures: Textures) -> NDArray[np.float64]:
     """Radiance of the faces of a piece, (M, 3)."""
     material = data.document.materials[piece.material]
     more = (material.extensions or {}).get("KHR_materials_emissive_strength") or {}
     factor = np.array(material.emissiveFactor, np.float64) * float(more.get("emissiveStrength", 1.0))
-    texture = material.emissiveTexture
-    uv = None if texture is None else piece.held.get(f"TEXCOORD_{texture.texCoord or 0}")
-    if texture is None or uv is None:
+    texture = material.emissiveTexture and textures.on(material.emissiveTexture, piece.held)
+    if texture is None:
         return np.broadcast_to(factor, (len(corners), 3))
-    source = entry(data.document.textures, texture.index).source
-    if source not in pictures:
-        room = MOST_TEXELS - sum(picture.shape[0] * picture.shape[1] for picture in pictures.values())
-        pictures[source] = _picture(data, entry(data.document.images, source), room)
-    picture = pictures[source]
-    height, width = picture.shape[:2]
-    uv = _turned(uv.astype(np.float64), (texture.extensions or {}).get("KHR_texture_transform") or {})
     summed = np.zeros((len(corners), 3))
     samples = _middles()
     for weights in samples:
-        place = np.nan_to_num(np.einsum("k,mkc->mc", weights, uv[corners]) % 1.0)  # as textures repeat
-        column = np.minimum((place[:, 0] * width).astype(np.int64), width - 1)
-        row = np.minimum((place[:, 1] * height).astype(np.int64), height - 1)
-        summed += linear_from_srgb(picture[row, column] / 255.0)
+        summed += texture.color(np.einsum("k,mkc->mc", weights, texture.uv[corners]))
     return factor * summed / len(samples)
 
 
@@ -160,21 +146,3 @@ def _middles() -> NDArray[np.float64]:
     first = np.concatenate([a[upright] + 1 / 3, a[turned] + 2 / 3]) / _PARTS
     second = np.concatenate([b[upright] + 1 / 3, b[turned] + 2 / 3]) / _PARTS
     return np.stack([1.0 - first - second, first, second], axis=1)
-
-
-def _turned(uv: NDArray, transform: dict[str, Any]) -> NDArray:
-    turn = float(transform.get("rotation", 0.0))
-    cosine, sine = math.cos(turn), math.sin(turn)
-    scaled = uv * np.array(transform.get("scale", (1.0, 1.0)), np.float64)
-    turned = scaled @ np.array([[cosine, -sine], [sine, cosine]])
-    return turned + np.array(transform.get("offset", (0.0, 0.0)), np.float64)
-
-
-def _picture(data: GltfData, image: Any, most: int) -> NDArray[np.uint8]:
-    """(H, W, 3) sRGB."""
-    from PIL import Image
-
-    with Image.open(io.BytesIO(data.encoded(image))) as opened:
-        if opened.width * opened.height > most:
-            raise InputError(f"{data.path}: its pictures have over {MOST_TEXELS:,} pixels; make them smaller")
-        return np.asarray(opened.convert("RGB"))

@@ -4,6 +4,7 @@ Source: ANSI/IESNA LM-63-02, "Standard File Format for the Electronic Transfer o
 """
 
 import os
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,6 +20,7 @@ LARGEST_IES = 16 << 20
 """Bytes: half a degree all round takes about 2 MB."""
 
 _TYPES = {1: "C", 2: "B", 3: "A"}
+_TILT = re.compile(r"\s*TILT\s*=", re.IGNORECASE)
 _AFTER_TILT = 13
 """Numbers between TILT and the angles."""
 
@@ -58,10 +60,11 @@ def read_profile(path: str | os.PathLike[str]) -> Profile:
 def _parsed(text: str) -> Profile:
     """Raises ValueError that says what is wrong."""
     lines = text.splitlines()
-    tilt = next((number for number, line in enumerate(lines) if line.strip().upper().startswith("TILT")), None)
-    if tilt is None:
+    tilts = [number for number, line in enumerate(lines) if _TILT.match(line)]  # before it, any words until 1986
+    if not tilts:
         raise ValueError("it has no line TILT=")
-    if "".join(lines[tilt].split()).upper() != "TILT=NONE":
+    tilt = next((number for number in tilts if _untilted(lines[number])), tilts[0])
+    if not _untilted(lines[tilt]):
         raise ValueError(f"expected TILT=NONE, found {lines[tilt].strip()[:40]}")
     numbers = _numbers(" ".join(lines[tilt + 1 :]).replace(",", " ").split())
     if len(numbers) < _AFTER_TILT:
@@ -94,6 +97,10 @@ def _parsed(text: str) -> Profile:
         vertical = np.concatenate([dark, vertical])
         candela = np.concatenate([np.zeros((len(dark), len(horizontal))), candela])
     return Profile(vertical, horizontal, candela / candela.max(), float(candela.max()))
+
+
+def _untilted(line: str) -> bool:
+    return "".join(line.split()).upper() == "TILT=NONE"
 
 
 def _numbers(words: list[str]) -> NDArray[np.float64]:

@@ -4,7 +4,8 @@ import contextlib
 import difflib
 import io
 import os
-from collections.abc import Mapping
+import warnings
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +14,17 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Floats, Radiance
 from splat2mesh.base.console import quiet_libraries
-from splat2mesh.base.errors import InputError
+from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.base.inputs import file_size
 
 from . import radiance_hdr, skies
+from .color_spaces import as_rec709
 from .sizes import check_exr
 
 _EXR_MAGIC, _HDR_MAGIC = b"\x76\x2f\x31\x01", b"#?"
+
+COMBINED = {"combined", "beauty", "rgba"}
+"""Names of the layer or part that is the picture: Blender's; of most renderers; of Arnold and Nuke."""
 
 LARGEST_FILE = 4 << 30  # bytes; the largest published pictures of light have 2 GB
 
@@ -62,7 +67,7 @@ def _unknown(path: Path) -> str:
 
 
 def _read_exr(path: Path) -> NDArray[np.float32]:
-    """First part of an OpenEXR file that has colour, pasted into its display window."""
+    """The light of an OpenEXR file in linear sRGB, pasted into its display window: that of `_best` of its layers."""
     import OpenEXR
 
     try:
@@ -72,24 +77,53 @@ def _read_exr(path: Path) -> NDArray[np.float32]:
         raise InputError(f"{path} is a damaged OpenEXR file ({error}): copy or export it again") from None
     if not parts:  # how the binding reports missing scan lines
         raise InputError(f"{path} is a truncated or damaged OpenEXR file: copy or export it again")
+    layers = []
     for part in parts:
-        channels = {name: channel.pixels for name, channel in part.channels.items()}
-        pixels = _exr_color({name: values for name, values in channels.items() if values.dtype.kind == "f"})
-        if pixels is not None:
-            return _in_display_window(pixels, part.header)
-    found = ", ".join(name for part in parts for name in part.channels)
-    raise InputError(f"{path} has no colour: expected channels R, G and B, or Y alone, found {found}")
+        channels = {name: each.pixels for name, each in part.channels.items() if each.pixels.dtype.kind == "f"}
+        named = str(part.header.get("name", "")) if len(parts) > 1 else ""
+        layers += [(named, layer, channels, part.header) for layer in _layers(channels)]
+    if not layers:
+        found = ", ".join(name for part in parts for name in part.channels)
+        raise InputError(f"{path} has no colour: expected channels R, G and B, or Y alone, found {found}")
+    titles = [".".join(filter(None, (named, layer))) for named, layer, _, _ in layers]
+    _, layer, channels, header = layers[_best(titles)]
+    if len(layers) > 1:
+        title = titles[_best(titles)] or "its unnamed layer"
+        others = ", ".join(each for each in dict.fromkeys(titles) if each != title)
+        message = f"{path}: of {len(layers)} layers {title} is the light; {others} left out"
+        warnings.warn(message, DataWarning, stacklevel=4)
+    pixels = _layer_pixels(channels, layer)
+    if "chromaticities" in header:
+        pixels = as_rec709(pixels, _numbers(header["chromaticities"]), path)
+    return _in_display_window(pixels, header)
 
 
-def _exr_color(channels: Mapping[str, Floats]) -> NDArray[np.float32] | None:
-    """(H, W, 3) of a dict of (H, W) channels: R, G, B, else those of a layer, else luminance, else None."""
-    layers = sorted(name[:-1] for name in channels if name == "R" or name.endswith(".R"))
-    for layer in layers:  # the unnamed layer sorts first
-        if layer + "G" in channels and layer + "B" in channels:
-            return np.stack([channels[layer + color].astype(np.float32) for color in "RGB"], axis=-1)
-    if "Y" in channels and "RY" not in channels:
+def _layers(channels: Mapping[str, Floats]) -> list[str]:
+    """The layers that hold R, G and B, the unnamed one ("", also luminance alone) first."""
+    ends = sorted(name[:-1] for name in channels if name == "R" or name.endswith(".R"))
+    found = [each.removesuffix(".") for each in ends if {each + "G", each + "B"} <= channels.keys()]
+    return ["", *found] if "" not in found and "Y" in channels and "RY" not in channels else found
+
+
+def _best(titles: Sequence[str]) -> int:
+    """The first layer without a name, else the first with a word of COMBINED, else the first."""
+    words = [set(title.lower().split(".")) for title in titles]
+    return min(range(len(titles)), key=lambda k: (titles[k] != "", not words[k] & COMBINED))
+
+
+def _layer_pixels(channels: Mapping[str, Floats], layer: str) -> NDArray[np.float32]:
+    prefix = layer and layer + "."
+    if prefix + "R" not in channels:
         return np.repeat(channels["Y"][..., None].astype(np.float32), 3, axis=2)
-    return None
+    return np.stack([channels[prefix + color].astype(np.float32) for color in "RGB"], axis=-1)
+
+
+def _numbers(values: Any) -> list[float]:
+    """An attribute as numbers; none where it is of another kind, which any writer can give it."""
+    try:
+        return [float(each) for each in values]
+    except (TypeError, ValueError):
+        return []
 
 
 def _in_display_window(pixels: NDArray[np.float32], header: Mapping[str, Any]) -> NDArray[np.float32]:

@@ -4,6 +4,7 @@ Source: Ward, "Real Pixels", Graphics Gems II (1991); Radiance, src/common/color
 """
 
 import re
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.kernels import kernel
 
+from .color_spaces import XYZ, as_rec709
 from .sizes import check_pixels
 
 _RESOLUTION = re.compile(rb"([+-])([XY]) +(\d{1,9}) +([+-])([XY]) +(\d{1,9})\s*")
@@ -32,19 +34,20 @@ def decode(data: bytes, name: object) -> NDArray[np.float32]:
     Returns
     -------
     ndarray of float32, (H, W, 3)
-        Linear radiance, the top row first, divided by the EXPOSURE and COLORCORR of the header.
+        Linear sRGB radiance, the top row first, divided by the EXPOSURE and COLORCORR of the header, converted from its
+        PRIMARIES or CIE XYZ.
 
     Raises
     ------
     InputError
-        For a damaged file, for one of CIE XYZ, and for one that announces more pixels than its bytes can hold.
+        For a damaged file, and for one that announces more pixels than its bytes can hold.
 
     Notes
     -----
     imagecodecs decodes the usual order of rows alike, bit by bit, but ignores exposures and reads neither other orders
     nor old run lengths (`docs/decisions.md`).
     """
-    exposure, order, start = _header(data, name)
+    exposure, primaries, order, start = _header(data, name)
     (first_sign, first, rows), (second_sign, second, columns) = order
     if {first, second} != {b"X", b"Y"} or not (rows and columns):
         raise InputError(f"{name} is a damaged or unusual Radiance HDR file: its picture has no size")
@@ -68,12 +71,16 @@ def decode(data: bytes, name: object) -> NDArray[np.float32]:
     scale = np.ldexp(np.float32(1.0), pixels[..., 3:].astype(np.int32) - 136)
     scale[pixels[..., 3:] == 0] = 0.0
     with np.errstate(over="ignore"):
-        return (pixels[..., :3] * scale / exposure).astype(np.float32)
+        image = (pixels[..., :3] * scale / exposure).astype(np.float32)
+    return image if primaries is None else as_rec709(image, primaries, name)
 
 
-def _header(data: bytes, name: object) -> tuple[NDArray[np.float64], list[tuple[bytes, bytes, int]], int]:
-    """(exposures of (3,), [(sign, axis, count)] of rows and columns, where the pixels start)."""
+def _header(
+    data: bytes, name: object
+) -> tuple[NDArray[np.float64], Sequence[float] | None, list[tuple[bytes, bytes, int]], int]:
+    """(exposures of (3,), primaries, [(sign, axis, count)] of rows and columns, where the pixels start)."""
     exposure, start = np.ones(3), 0
+    primaries: Sequence[float] | None = None
     while True:
         end = data.find(b"\n", start, _LONGEST_HEADER)
         if end < 0:
@@ -87,10 +94,14 @@ def _header(data: bytes, name: object) -> tuple[NDArray[np.float64], list[tuple[
                 exposure *= float(value)
             elif key == b"COLORCORR":
                 exposure *= [float(part) for part in value.split()]
+            elif key == b"PRIMARIES" and primaries is not XYZ:
+                primaries = [float(part) for part in value.split()]
         except ValueError as error:
             raise InputError(f"{name} is a damaged or unusual Radiance HDR file: {key.decode()} is {error}") from None
-        if key == b"FORMAT" and value.strip() != b"32-bit_rle_rgbe":
-            raise InputError(f"{name} stores CIE XYZ or another kind: convert it to 32-bit_rle_rgbe or OpenEXR")
+        if key == b"FORMAT" and value.strip() == b"32-bit_rle_xyze":
+            primaries = XYZ
+        elif key == b"FORMAT" and value.strip() != b"32-bit_rle_rgbe":
+            raise InputError(f"{name} is of an unknown kind: convert it to 32-bit_rle_rgbe or OpenEXR")
     if not (np.isfinite(exposure).all() and (exposure > 0.0).all()):
         raise InputError(f"{name} is a damaged or unusual Radiance HDR file: its exposure is {exposure.tolist()}")
     end = data.find(b"\n", start, start + 100)
@@ -100,7 +111,7 @@ def _header(data: bytes, name: object) -> tuple[NDArray[np.float64], list[tuple[
             f"{name} is a damaged or unusual Radiance HDR file: its picture has no size, such as -Y 512 +X 1024"
         )
     first, second = (found.group(k, k + 1, k + 2) for k in (1, 4))
-    return exposure, [(sign, axis, int(count)) for sign, axis, count in (first, second)], end + 1
+    return exposure, primaries, [(sign, axis, int(count)) for sign, axis, count in (first, second)], end + 1
 
 
 @kernel

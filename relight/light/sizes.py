@@ -102,7 +102,7 @@ def _exr_headers(data: bytes) -> list[dict[str, Any]]:
             (size,) = struct.unpack_from("<i", data, end + 1)
             at = end + 5 + size
             if size < 0 or at > min(len(data), _LONGEST_HEADER):
-                raise ValueError(f"{name} goes beyond its end")
+                raise ValueError(f"{name[:40]!a} goes beyond its end")
             part[name] = data[at - size : at].rstrip(b"\0") if name == "type" else data[at - size : at]
         at += 1
         parts.append(part)

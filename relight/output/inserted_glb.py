@@ -4,7 +4,6 @@ The light is in COLOR_0, which multiplies the picture of a material; materials a
 again. Values above 1 are clipped, as in `relit.glb`.
 """
 
-import json
 import os
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 
 from splat2mesh.scene.glb import Glb
 from splat2mesh.scene.gltf import GltfData
+from splat2mesh.scene.gltftextures import GREY, Textures, base_color
 
 from ..insert.objects import Part
 
@@ -42,6 +42,8 @@ def write_inserted_glb(path: str | os.PathLike[str], inserted: "InsertedLight", 
         for part in each.parts:
             rows = slice(first, first + len(part.vertices))
             first = rows.stop
+            if not len(part.faces):  # cut away
+                continue
             color = _shown(part, inserted.light[rows], exposure)
             clipped += int((color[:, :3] > 1.0).any(axis=1).sum())
             attributes = {
@@ -79,6 +81,7 @@ class _Materials:
         self._file, self._data = file, document
         self._known: dict[tuple[int | None, bool], int] = {}
         self._textures: dict[int, int] = {}
+        self._pictures = None if document is None else Textures(document)
 
     def of(self, part: Part) -> int:
         """Index of the material of a Part."""
@@ -100,22 +103,25 @@ class _Materials:
         for name in KEPT:
             if getattr(source, name) is not None:
                 setattr(made, name, getattr(source, name))
-        texture = source.pbrMetallicRoughness and source.pbrMetallicRoughness.baseColorTexture
+        _, texture = base_color(source)
         if part.uv is not None and texture:
-            extensions = json.loads(json.dumps(texture.extensions or {}))
-            surface.baseColorTexture = gltf.TextureInfo(index=self._texture(texture.index), extensions=extensions)
+            index = self._texture(texture["index"])
+            surface.baseColorTexture = None if index is None else gltf.TextureInfo(index=index)
+            if index is None:
+                surface.baseColorFactor = [GREY, GREY, GREY, 1.0]
         return made
 
-    def _texture(self, index: int) -> int:
+    def _texture(self, index: int) -> int | None:
         import pygltflib as gltf
 
         if index in self._textures:
             return self._textures[index]
-        assert self._data is not None  # of a part with a picture
+        assert self._data is not None and self._pictures is not None  # of a part with a picture
         document, made = self._data.document, self._file.document
         texture = document.textures[index]
-        image = document.images[texture.source]
-        content = self._data.encoded(image)
+        content = self._pictures.encoded(index)
+        if content is None:
+            return None
         kind = "image/png" if content[:4] == b"\x89PNG" else "image/jpeg"
         made.images.append(gltf.Image(bufferView=self._file.data(content), mimeType=kind))
         sampler = None

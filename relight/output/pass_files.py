@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from splat2mesh.render.view import View
 from splat2mesh.scene.scene import Scene
 
-from .color_spaces import SPACES, converted
+from ..light.color_spaces import SPACES, converted
 from .kinds import FILES, SUN
 from .preview import Preview
 from .probe_files import write_exr

@@ -22,7 +22,7 @@ from splat2mesh import convert
 from splat2mesh.base.choices import SURFACE_CHOICES
 from splat2mesh.scene.meshfile import read_mesh
 from splat2mesh.surface.extract import EFFORTS
-from splat2mesh.views.cameras import read_colmap
+from splat2mesh.views.cameras import usable_views
 
 QUICK = ["--ways", "field", "--details", "draft", "--kinds", "object", "--splats", "5000", "--samples", "2000"]
 PLOT = {"x": "cpu_s", "y": "error", "by": ("scene", "way", "cameras")}
@@ -66,7 +66,7 @@ def measure(folder, options, report):
     splat = next(folder / name for name in ("point_cloud.ply", "splat.ply") if (folder / name).exists())
     generated_truth = folder / "truth.json"
     truth = read_mesh(folder / ("truth.ply" if generated_truth.exists() else "gt_mesh.ply"))
-    centers = np.stack([view.center for view in read_colmap(folder / "sparse/0")])
+    centers = np.stack([view.center for view in usable_views(folder / "sparse/0")])
     turn = np.eye(3)
     if generated_truth.exists():
         turn = np.array(json.loads(generated_truth.read_text())["scene_from_splat"])[:3, :3]

@@ -24,7 +24,7 @@ from splat2mesh.render.rasterize import rasterize
 from splat2mesh.scene.color import linear_from_srgb
 from splat2mesh.splats.formats import read_splats
 from splat2mesh.splats.splats import Splats
-from splat2mesh.views.cameras import read_cameras
+from splat2mesh.views.cameras import usable_views
 
 VIEWS, WIDTH = 8, 160
 """Number of a generated place's capture views to compare, and their width in pixels."""
@@ -87,7 +87,7 @@ class TruePictures:
 
     def __init__(self, made, source):
         self._made, self._splats = made, read_splats(source)
-        views = [view for view in read_cameras(made / "cameras.json")[0] if view is not None]
+        views = usable_views(made / "cameras.json")
         self.views = [view.resized(WIDTH) for view in views[1 :: max(1, len(views) // VIEWS)][:VIEWS]]
         solid = self._splats.take(np.load(made / "truth_scene.npz")["splat_region"] != SKY)
         self._inside = [rasterize(solid, view).alpha > 0.5 for view in self.views]

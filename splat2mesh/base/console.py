@@ -96,6 +96,21 @@ def run(
     return EXIT_DONE
 
 
+def open_streams() -> None:
+    """Give a command standard streams that go nowhere in place of those that its parent closed (`>&-`).
+
+    Otherwise printing fails, and the next file that is opened takes the number of a stream: what native libraries and
+    child processes print would go into it.
+    """
+    for number, name, mode in ((0, "stdin", "r"), (1, "stdout", "w"), (2, "stderr", "w")):
+        if getattr(sys, name) is not None:  # Python sets None for what was closed as it started
+            continue
+        null = os.open(os.devnull, os.O_RDWR)  # takes the lowest number that is free
+        if null <= number:
+            os.set_inheritable(null, True)  # for child processes, as those of a shell
+        setattr(sys, name, open(null, mode, encoding="utf-8"))
+
+
 def _drop_stdout() -> None:
     """Let what is still to be written there go nowhere, or Python fails over it as it ends."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

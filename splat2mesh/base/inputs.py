@@ -5,7 +5,9 @@ inside a file leads only into the file's own folder, and no exception of a parse
 """
 
 import json
+import math
 import os
+import re
 import stat
 import warnings
 from collections.abc import Collection, Iterator
@@ -69,6 +71,17 @@ def loads(text: str | bytes, **how: Any) -> Any:
         return json.loads(text, **how)
     except RecursionError:
         raise ValueError("it is nested too deeply") from None
+
+
+def number(word: str) -> float:
+    """The number of a word, also where Microsoft's C wrote it: `-nan(ind)`, `1.#QNAN`, `-1.#INF`. Raises ValueError for
+    what is none."""
+    if _MICROSOFTS.fullmatch(word):
+        return float(word.partition("1.#")[0] + "inf") if "#INF" in word else math.nan
+    return float(word)
+
+
+_MICROSOFTS = re.compile(r"[+-]?(nan\(\w*\)|1\.#\w+)")
 
 
 def load_array(path: str | os.PathLike[str]) -> Any:

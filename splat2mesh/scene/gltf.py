@@ -25,8 +25,13 @@ MODES = TRIANGLES, STRIP, FAN = 4, 5, 6
 UNREADABLE = "KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression"
 """Extensions that pack the arrays themselves."""
 
-HARMLESS = "KHR_mesh_quantization", "KHR_materials_", "KHR_texture_", "EXT_texture_", "MSFT_texture_", "KHR_lights_"
-"""Extensions, or how their names begin, that a file may require: the first is read, the others concern no shape."""
+INSTANCING = "EXT_mesh_gpu_instancing"
+
+HARMLESS = (
+    *("KHR_mesh_quantization", INSTANCING),
+    *("KHR_materials_", "KHR_texture_", "EXT_texture_", "MSFT_texture_", "KHR_lights_"),
+)
+"""Extensions, or how their names begin, that a file may require: two are read, the others concern no shape."""
 
 MOST_NODES = 100_000
 """Which take half a minute to place."""

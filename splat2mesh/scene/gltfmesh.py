@@ -15,7 +15,7 @@ from ..base.errors import InputError
 from ..base.inputs import reading
 from .color import srgb_from_linear
 from .gltf import FREE_CORNERS, MODES, TRIANGLES, GltfData, entry, triangles, warn_skipped
-from .gltfnodes import global_matrices, hierarchy, initial_transforms
+from .gltfnodes import global_matrices, hierarchy, initial_transforms, instances
 from .gltftextures import Textures
 from .surfaces import UncheckedMesh, centred, joined
 
@@ -138,6 +138,7 @@ def placed_pieces(data: GltfData) -> list[Piece]:
         node = nodes[index]
         if node.mesh is None or not shown[index]:
             continue
+        copies = instances(data, index)
         for primitive in entry(document.meshes, node.mesh).primitives:
             mode = TRIANGLES if primitive.mode is None else primitive.mode
             if mode not in MODES or primitive.attributes.POSITION is None:
@@ -145,12 +146,12 @@ def placed_pieces(data: GltfData) -> list[Piece]:
                 continue
             if id(primitive) not in known:  # nodes may repeat it
                 known[id(primitive)] = _read(data, index, primitive, mode)
-            piece = _placed(primitive.material, *known[id(primitive)], matrices[index])
-            corners += max(3 * len(piece.faces), len(piece.points))
+            faces, local, held = known[id(primitive)]
+            corners += len(copies) * max(3 * len(faces), len(local))
             if corners > most:
                 raise InputError(f"{data.path}: its nodes repeat meshes to over {most:,} corners; export less of it")
-            if len(piece.faces):
-                pieces.append(piece._replace(node=index))
+            placed = matrices[index] @ copies if len(faces) else []
+            pieces += [_placed(primitive.material, faces, local, held, each)._replace(node=index) for each in placed]
     warn_skipped(data.path, skipped, "sets of points or lines")
     if not pieces:
         raise InputError(f"{data.path}: holds no triangles; expected a triangle mesh")

@@ -4,7 +4,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.errors import InputError
-from .gltf import GltfData
+from .gltf import INSTANCING, MOST_NODES, GltfData
+
+_INSTANCE = {"TRANSLATION": (0.0, 0.0, 0.0), "ROTATION": (0.0, 0.0, 0.0, 1.0), "SCALE": (1.0, 1.0, 1.0)}
 
 
 def initial_transforms(data: GltfData) -> list[dict]:
@@ -28,6 +30,36 @@ def initial_transforms(data: GltfData) -> list[dict]:
             }
         )
     return transforms
+
+
+def instances(data: GltfData, index: int) -> NDArray:
+    """Find the copies of a node's mesh that EXT_mesh_gpu_instancing places.
+
+    Returns
+    -------
+    ndarray of float64, (I, 4, 4)
+        node_from_copy; the identity alone without the extension.
+
+    Raises
+    ------
+    InputError
+        For arrays of other shapes, and for more than `MOST_NODES` copies.
+    """
+    extension = (data.document.nodes[index].extensions or {}).get(INSTANCING) or {}
+    named, what = extension.get("attributes") or {}, f"the copies of node {index}"
+    given = {name: data.array(named[name], what) for name in _INSTANCE if name in named}
+    if not given:
+        return np.eye(4)[None]
+    count = max(len(values) for values in given.values())
+    if count > MOST_NODES:
+        raise InputError(f"{data.path}: {what} are {count:,}, expected at most {MOST_NODES:,}; export less of it")
+    parts = []
+    for name, usual in _INSTANCE.items():
+        values = np.broadcast_to(np.array(usual), (count, len(usual))) if name not in given else given[name]
+        if values.shape != (count, len(usual)) or not np.isfinite(values).all():
+            raise InputError(f"{data.path}: {what} have a {name} of shape {values.shape} for {count}, or not finite")
+        parts.append(values.astype(np.float64))
+    return np.array([matrix_from_trs(*each) for each in zip(*parts, strict=True)]).reshape(-1, 4, 4)
 
 
 def hierarchy(data: GltfData) -> tuple[list[int], NDArray, NDArray]:

@@ -2,9 +2,11 @@
 
 import os
 import warnings
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 
@@ -14,11 +16,9 @@ from ..base.inputs import read_json, reading
 from ..render.view import View
 from ..splats.splats import Splats
 from .cameras_json import views_of_cameras_json
-from .colmap import is_colmap, read_colmap
+from .colmap import colmap_models, is_colmap, larger_models, read_colmap
 from .nerfstudio import candidates_of_transforms
-
-INSIDE = ("0", "sparse/0", "colmap/sparse/0", "sparse")
-"""Where the COLMAP model of a capture lies in the folders that people name instead."""
+from .poses import Camera
 
 KINDS = "a COLMAP folder such as sparse/0, a cameras.json of INRIA, or a transforms.json of nerfstudio"
 
@@ -61,9 +61,11 @@ def trained_views(
     if path is None:
         return []
     with reading(path), np.errstate(all="ignore"):
-        candidates = read_cameras(path, splat_path)
+        candidates = _candidates(path, splat_path)
     solid = _solid(splats)
-    frames = [(views, [view for view in views if view is not None and _sees(view, solid)]) for views in candidates]
+    frames = [(views, [view for view in _views(views) if _sees(view, solid)]) for _, views in candidates]
+    if len({source for source, _ in candidates}) > 1:
+        frames = [_fullest(path, [source for source, _ in candidates], frames)]
     most = max(len(seeing) for _, seeing in frames)
     if most == 0:
         advice = "`cameras` none does without" if given is None else "give those of this capture"
@@ -76,28 +78,76 @@ def trained_views(
         sharpness = [_sharpness(seeing, splats) for _, seeing in likely]
         likely = [frame for frame, sharp in zip(likely, sharpness, strict=True) if sharp > CLEARLY * max(sharpness)]
     views, seeing = likely[0]
-    if len(seeing) < len(views):
-        lost = sum(view is None for view in views)
-        reasons = {"have no finite pose": lost, "see no solid splat": len(views) - lost - len(seeing)}
-        text = " and ".join(f"{count} that {reason}" for reason, count in reasons.items() if count)
-        warnings.warn(f"{path}: dropped, of {len(views)} cameras, {text}", DataWarning, stacklevel=2)
+    blind = ["see no solid splat"] * (len(_views(views)) - len(seeing))
+    _warn_dropped(path, len(views), [*(view for view in views if isinstance(view, str)), *blind])
     return seeing
 
 
-def read_cameras(path: str | os.PathLike[str], splat_path: str | os.PathLike[str] = ".") -> list[list[View | None]]:
-    """The cameras of a path, in every frame that the splat may be in: a list of lists of View or None (no finite pose).
+def usable_views(path: str | os.PathLike[str]) -> list[View]:
+    """The cameras of a path where no splat checks them: those of its fullest model. Raises InputError for none; warns
+    about those that were dropped."""
+    candidates = _candidates(Path(path))
+    frames = [(views, _views(views)) for _, views in candidates]
+    views, usable = _fullest(Path(path), [source for source, _ in candidates], frames)
+    _warn_dropped(path, len(views), [view for view in views if isinstance(view, str)])
+    return usable
+
+
+def read_cameras(path: str | os.PathLike[str], splat_path: str | os.PathLike[str] = ".") -> list[list[Camera]]:
+    """The cameras of a path, in every frame that the splat may be in: a list of lists of View, or why one gives none.
 
     path: a file or folder, recognised by its content. splat_path: of the splat that they belong to. Raises InputError
     for any other, and for one without cameras.
     """
-    path = Path(path)
+    return [views for _, views in _candidates(Path(path), splat_path)]
+
+
+def _views(cameras: Sequence[Camera]) -> list[View]:
+    return [camera for camera in cameras if isinstance(camera, View)]
+
+
+def _warn_dropped(path: str | os.PathLike[str], count: int, reasons: Sequence[str]) -> None:
+    """One DataWarning about cameras of a file that are left out, why each."""
+    text = " and ".join(f"{number} that {reason}" for reason, number in Counter(reasons).items())
+    if text:
+        warnings.warn(f"{path}: dropped, of {count} cameras, {text}", DataWarning, stacklevel=3)
+
+
+_Frame: TypeAlias = tuple[list[Camera], list[View]]  # cameras in one frame, and those that can be used
+
+
+def _fullest(path: Path, sources: Sequence[Path], frames: Sequence[_Frame]) -> _Frame:
+    """The model with most usable cameras, the first of equal ones; warns, saying which, where they differ."""
+    most = max(range(len(frames)), key=lambda index: len(frames[index][1]))
+    others = [k for k in range(len(frames)) if k != most and len(frames[k][1]) < len(frames[most][1])]
+    if others:
+        listed = ", ".join(f"{sources[k].relative_to(path)} {len(frames[k][1])}" for k in others)
+        warnings.warn(
+            f"{path}: of its {len(frames)} COLMAP models {sources[most].relative_to(path)} is used, the one with most "
+            f"usable cameras ({len(frames[most][1])}; {listed})",
+            DataWarning,
+            stacklevel=3,
+        )
+    return frames[most]
+
+
+def _candidates(path: Path, splat_path: str | os.PathLike[str] = ".") -> list[tuple[Path, list[Camera]]]:
+    """As `read_cameras`, each with the file or folder that holds it."""
     if path.is_dir():
         if is_colmap(path):
-            return [list(read_colmap(path))]
+            found = read_colmap(path)
+            for other in larger_models(path):
+                warnings.warn(
+                    f"{path} holds {len(found)} cameras, and {other.name} beside it {len(read_colmap(other))}: "
+                    f"give {other} if the splat was trained with those",
+                    DataWarning,
+                    stacklevel=3,
+                )
+            return [(path, found)]
         inside = [path / name for name in ("transforms.json", "cameras.json") if (path / name).is_file()]
-        models = [path / name for name in INSIDE if is_colmap(path / name)]
+        models = colmap_models(path)
         if models and not inside:
-            return [list(read_colmap(models[0]))]
+            return _of_models(path, models)
         if not inside:
             raise InputError(f"{path}: no COLMAP model lies in this folder; expected {KINDS}")
         path = inside[0]
@@ -108,13 +158,29 @@ def read_cameras(path: str | os.PathLike[str], splat_path: str | os.PathLike[str
     except ValueError as error:
         raise InputError(f"{path} is not JSON ({error}); expected {KINDS}") from error
     if isinstance(content, list) and all(isinstance(entry, dict) for entry in content):
-        found = [views_of_cameras_json(path, content)]
+        candidates = [views_of_cameras_json(path, content)]
     elif isinstance(content, dict) and isinstance(content.get("frames"), list):
-        found = candidates_of_transforms(path, content, splat_path)
+        candidates = candidates_of_transforms(path, content, splat_path)
     else:
         raise InputError(f"{path} holds no cameras; expected {KINDS}")
-    if not found[0]:
+    if not candidates[0]:
         raise InputError(f"{path} holds no cameras: its list is empty")
+    return [(path, views) for views in candidates]
+
+
+def _of_models(path: Path, models: Sequence[Path]) -> list[tuple[Path, list[Camera]]]:
+    """The cameras of several COLMAP models; those that cannot be read are left out beside one that can."""
+    found, errors = [], []
+    for model in models:
+        try:
+            found.append((model, read_colmap(model)))
+        except InputError as error:
+            errors.append(error)
+    if not found:
+        raise errors[0]
+    if errors:
+        message = f"{path}: left out {len(errors)} of {len(models)} COLMAP models: {errors[0]}"
+        warnings.warn(message, DataWarning, stacklevel=4)
     return found
 
 

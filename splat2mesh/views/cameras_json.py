@@ -11,16 +11,16 @@ from typing import Any
 import numpy as np
 
 from ..base.errors import InputError
-from ..render.view import View
-from .poses import view_of
+from .poses import Camera, view_of
 
 
-def views_of_cameras_json(path: str | os.PathLike[str], content: list[dict[str, Any]]) -> list[View | None]:
-    """Views of a cameras.json: path, for messages, and its content as json reads it. A list, None where a pose is NaN.
+def views_of_cameras_json(path: str | os.PathLike[str], content: list[dict[str, Any]]) -> list[Camera]:
+    """Views of a cameras.json: path, for messages, and its content as json reads it. A list, the reason where
+    one gives none.
 
     Raises InputError where a camera lacks something or is none.
     """
-    views = []
+    views: list[Camera] = []
     for number, camera in enumerate(content, 1):
         where = f"{path}: camera {number}"
         try:

@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.errors import InputError
-from ..base.inputs import file_size, reading
+from ..base.inputs import file_size, number, reading
 from ..render.view import View
+from .poses import LOST, PANORAMA, Camera
 
 _Camera: TypeAlias = tuple[int, int, int, tuple[float, ...]]  # focal lengths, width, height, numbers
 _Image: TypeAlias = tuple[int, list[float], list[float]]  # camera, quaternion w x y z, translation
@@ -23,9 +24,11 @@ _MODELS = {
     **{0: ("SIMPLE_PINHOLE", 1, 3), 1: ("PINHOLE", 2, 4), 2: ("SIMPLE_RADIAL", 1, 4), 3: ("RADIAL", 1, 5)},
     **{4: ("OPENCV", 2, 8), 5: ("OPENCV_FISHEYE", 2, 8), 6: ("FULL_OPENCV", 2, 12), 7: ("FOV", 2, 5)},
     **{8: ("SIMPLE_RADIAL_FISHEYE", 1, 4), 9: ("RADIAL_FISHEYE", 1, 5), 10: ("THIN_PRISM_FISHEYE", 2, 12)},
-    **{11: ("RAD_TAN_THIN_PRISM_FISHEYE", 2, 16)},
+    **{11: ("RAD_TAN_THIN_PRISM_FISHEYE", 2, 16), 12: ("SIMPLE_DIVISION", 1, 4), 13: ("DIVISION", 2, 5)},
+    **{14: ("SIMPLE_FISHEYE", 1, 3), 15: ("FISHEYE", 2, 4), 16: ("EUCM", 2, 6), 17: ("EQUIRECTANGULAR", 0, 2)},
 }
-"""Number -> name, focal lengths, parameters: first the focal lengths, then the principal point, then the lens."""
+"""Number -> name, focal lengths, parameters: first the focal lengths, then the principal point, then the lens. A
+panorama has neither. Source: COLMAP 4.2, src/colmap/sensor/models.h."""
 _BY_NAME = {name: (focals, count) for name, focals, count in _MODELS.values()}
 _POINT_BYTES = 24  # of a keypoint: x, y, and the point that it shows
 
@@ -35,7 +38,26 @@ def is_colmap(folder: Path) -> bool:
     return any((folder / f"cameras{suffix}").is_file() for suffix in (".txt", ".bin"))
 
 
-def read_colmap(folder: str | os.PathLike[str]) -> list[View]:
+def colmap_models(folder: Path) -> list[Path]:
+    """The COLMAP models in a folder of a capture, also in the numbered ones that COLMAP's mapper writes, in order."""
+    found = []
+    for base in (folder, folder / "sparse", folder / "colmap" / "sparse"):
+        numbered = [each for each in base.iterdir() if each.name.isdecimal()] if base.is_dir() else []
+        found += [*sorted(numbered, key=lambda each: (len(each.name), each.name)), base]
+    return [each for each in found if is_colmap(each)]
+
+
+def larger_models(folder: Path) -> list[Path]:
+    """The COLMAP models beside a numbered one whose file of images is larger than its own."""
+    beside = colmap_models(folder.absolute().parent) if folder.name.isdecimal() else []
+    return [each for each in beside if _images_size(each) > _images_size(folder)]
+
+
+def _images_size(folder: Path) -> int:
+    return max((file.stat().st_size for file in folder.glob("images.*") if file.is_file()), default=0)
+
+
+def read_colmap(folder: str | os.PathLike[str]) -> list[Camera]:
     """Read the cameras of a COLMAP model, text or binary.
 
     Parameters
@@ -45,9 +67,9 @@ def read_colmap(folder: str | os.PathLike[str]) -> list[View]:
 
     Returns
     -------
-    list of View
-        In the order of their image ids, in the frame of the model. Lens distortion is ignored: the focal lengths and
-        the principal point of each camera are kept.
+    list of View or str
+        In the order of their image ids, in the frame of the model; the reason where an image gives no view. Lens
+        distortion is ignored: the focal lengths and the principal point of each camera are kept.
 
     Raises
     ------
@@ -70,26 +92,32 @@ def read_colmap(folder: str | os.PathLike[str]) -> list[View]:
                 raise InputError(f"{folder}: cannot read {file.name} of this COLMAP model ({error})") from error
     cameras, images = found
     views = []
-    for number in sorted(images):
-        camera, quat_wxyz, place = images[number]
+    for image in sorted(images):
+        camera, quat_wxyz, place = images[image]
         if camera not in cameras:
-            raise InputError(f"{folder}: cannot read this COLMAP model (image {number} names camera {camera})")
-        if np.isfinite([*quat_wxyz, *place]).all() and any(quat_wxyz):
-            views.append(View(*_picture(folder, camera, *cameras[camera]), _pose(quat_wxyz, place)))
-    if not views:
+            raise InputError(f"{folder}: cannot read this COLMAP model (image {image} names camera {camera})")
+        views.append(_view(f"{folder}: camera {camera} of the COLMAP model", cameras[camera], quat_wxyz, place))
+    if PANORAMA in views and not any(isinstance(view, View) for view in views):
+        raise InputError(
+            f"{folder}: its pictures are panoramas, and only pinhole cameras are supported; leave `cameras` out"
+        )
+    if not any(isinstance(view, View) for view in views):
         raise InputError(f"{folder}: the COLMAP model holds no posed image")
     return views
 
 
-def _picture(
-    folder: Path, number: int, focals: int, width: int, height: int, numbers: tuple[float, ...]
-) -> tuple[int, int, float, float, float, float]:
-    """(width, height, fx, fy, cx, cy). Raises InputError for a camera that takes no picture."""
+def _view(where: str, camera: _Camera, quat_wxyz: list[float], place: list[float]) -> Camera:
+    """The View of an image, or why there is none. Raises InputError for a camera that takes no picture."""
+    focals, width, height, numbers = camera
+    if not focals:
+        return PANORAMA
+    if not (np.isfinite([*quat_wxyz, *place, *numbers[: focals + 2]]).all() and any(quat_wxyz)):
+        return LOST
     fx, fy, (cx, cy) = numbers[0], numbers[focals - 1], numbers[focals : focals + 2]
-    if not (0 < width < 2**31 and 0 < height < 2**31 and np.isfinite(numbers[: focals + 2]).all() and min(fx, fy) > 0):
+    if not (0 < width < 2**31 and 0 < height < 2**31 and min(fx, fy) > 0):
         size = f"{width} x {height} pixels, focal lengths {fx:g} and {fy:g}"
-        raise InputError(f"{folder}: camera {number} of the COLMAP model has no usable picture: {size}")
-    return width, height, fx, fy, cx, cy
+        raise InputError(f"{where} has no usable picture: {size}")
+    return View(width, height, fx, fy, cx, cy, _pose(quat_wxyz, place))
 
 
 def _pose(quat_wxyz: list[float], place: list[float]) -> NDArray[np.float64]:
@@ -106,9 +134,9 @@ def _cameras(data: bytes) -> dict[int, _Camera]:
     (count,), at = struct.unpack_from("<Q", data), 8
     found: dict[int, _Camera] = {}
     for _ in range(count):  # ends with an error where the data does
-        number, model, width, height = struct.unpack_from("<IiQQ", data, at)
+        key, model, width, height = struct.unpack_from("<IiQQ", data, at)
         _, focals, numbers = _MODELS[model]
-        found[number] = focals, width, height, struct.unpack_from(f"<{numbers}d", data, at + 24)
+        found[key] = focals, width, height, struct.unpack_from(f"<{numbers}d", data, at + 24)
         at += 24 + 8 * numbers
     return found
 
@@ -117,13 +145,13 @@ def _images(data: bytes) -> dict[int, _Image]:
     (count,), at = struct.unpack_from("<Q", data), 8
     found: dict[int, _Image] = {}
     for _ in range(count):
-        number, *pose, camera = struct.unpack_from("<I7dI", data, at)
+        key, *pose, camera = struct.unpack_from("<I7dI", data, at)
         at = data.index(b"\0", at + 64) + 1
         (points,) = struct.unpack_from("<Q", data, at)
         at += 8 + points * _POINT_BYTES
         if at > len(data):
-            raise ValueError(f"image {number} goes beyond the end")
-        found[number] = camera, pose[:4], pose[4:]
+            raise ValueError(f"image {key} goes beyond the end")
+        found[key] = camera, pose[:4], pose[4:]
     return found
 
 
@@ -133,7 +161,7 @@ def _text_cameras(data: bytes) -> dict[int, _Camera]:
         words = line.split()
         if words and words[0][0] != "#":
             focals, count = _BY_NAME[words[1]]
-            numbers = tuple(map(float, words[4:]))
+            numbers = tuple(map(number, words[4:]))
             if len(numbers) != count:
                 raise ValueError(f"a camera {words[1]} has {count} numbers, found {len(numbers)}")
             found[int(words[0])] = focals, int(words[2]), int(words[3]), numbers
@@ -146,7 +174,7 @@ def _text_images(data: bytes) -> dict[int, _Image]:
     for line in lines:
         words = line.split()
         if words and words[0][0] != "#":
-            numbers = list(map(float, words[1:8]))
+            numbers = list(map(number, words[1:8]))
             found[int(words[0])] = int(words[8]), numbers[:4], numbers[4:]
             next(lines, None)  # its keypoints
     return found

@@ -20,8 +20,7 @@ import numpy as np
 from ..base.arrays import Matrix4
 from ..base.errors import DataWarning, InputError
 from ..base.inputs import read_json
-from ..render.view import View
-from .poses import view_of
+from .poses import Camera, view_of
 
 TRAINING_FRAME = "dataparser_transforms.json"
 
@@ -33,11 +32,11 @@ _FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
 
 def candidates_of_transforms(
     path: Path, content: dict[str, Any], splat_path: str | os.PathLike[str]
-) -> list[list[View | None]]:
+) -> list[list[Camera]]:
     """Views of a transforms.json in every frame that the splat may be in, the likeliest first: a list of lists.
 
     path: Path, for messages and for what lies beside it. content: as json reads it. splat_path: Path of the splat.
-    A view without a finite pose is None. Raises InputError where the file is damaged.
+    A frame without finite numbers gives the reason. Raises InputError where the file is damaged.
     """
     try:
         frames = [{**content, **frame} for frame in content["frames"]]
@@ -60,7 +59,7 @@ def _size(frame: dict[str, Any]) -> tuple[float, float] | None:
     return (frame["w"], frame["h"]) if "w" in frame and "h" in frame else None
 
 
-def _view(where: str, frame: dict[str, Any], scale: float, frame_from_file: Matrix4) -> View | None:
+def _view(where: str, frame: dict[str, Any], scale: float, frame_from_file: Matrix4) -> Camera:
     try:
         size = _size(frame) or (UNKNOWN_SIDE, UNKNOWN_SIDE)
         if "fl_x" in frame:

@@ -1,12 +1,18 @@
 """A camera from a file, checked and converted to a View."""
 
 from collections.abc import Sequence
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..base.errors import InputError
 from ..render.view import View
+
+Camera: TypeAlias = View | str
+"""A camera of a file: a View, or why it gives none, as the end of "cameras that ..."."""
+
+LOST, PANORAMA = "have no finite numbers", "are panoramas"
 
 SLACK = 0.01
 """Tolerance of a rotation's columns from orthonormal, for files with few digits."""
@@ -18,23 +24,25 @@ def view_of(
     focal: Sequence[float],
     principal: Sequence[float] | None,
     world_from_camera: ArrayLike,
-) -> View | None:
-    """A View of numbers from a file, or None where its pose is not finite, as poses that were not found are.
+) -> Camera:
+    """A View of numbers from a file, or LOST where they are not finite, as those of poses that were not found are.
 
     where: what a message begins with. size: width and height, pixels. focal, principal: pairs in pixels; a principal
     point of None is the middle. world_from_camera: (4, 4), camera x right, y down, z forward.
     Raises InputError for a size or focal length that is none, and for a rotation that is none.
     """
     try:
+        if not np.isfinite([*map(float, size), *map(float, focal), *map(float, principal or ())]).all():
+            return LOST
         (width, height), (fx, fy) = (int(side) for side in size), (float(length) for length in focal)
         cx, cy = (width / 2, height / 2) if principal is None else (float(place) for place in principal)
         pose = np.array(world_from_camera, np.float64).reshape(4, 4)
     except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{where} holds no numbers ({error})") from error
-    if not (width > 0 and height > 0 and 0 < fx < np.inf and 0 < fy < np.inf and np.isfinite([cx, cy]).all()):
+    if min(width, height, fx, fy) <= 0:
         raise InputError(f"{where} has no usable picture: {width} x {height} pixels, focal lengths {fx:g} and {fy:g}")
     if not np.isfinite(pose).all():
-        return None
+        return LOST
     left, stretch, right = np.linalg.svd(pose[:3, :3])
     if np.abs(stretch - 1).max() > SLACK or np.linalg.det(pose[:3, :3]) < 0:
         raise InputError(

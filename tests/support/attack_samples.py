@@ -174,10 +174,13 @@ def _lights(folder):
             tiles.xSize = tiles.ySize = 8
             header |= {"type": OpenEXR.tiledimage, "tiles": tiles}
         channels = {"RGB": pixels.astype(np.float16) if kind == "piz.exr" else pixels}
+        if kind == "piz.exr":
+            header |= {"chromaticities": (0.713, 0.293, 0.165, 0.83, 0.128, 0.044, 0.32168, 0.33767)}
+            channels |= {"AO.R": pixels[..., 0].copy(), "AO.G": pixels[..., 1].copy(), "AO.B": pixels[..., 2].copy()}
         OpenEXR.File(header, channels).write(str(folder / f"whole.{kind}"))
         found[f"light.{kind}"] = {"a.exr": (folder / f"whole.{kind}").read_bytes()}, "a.exr"
     found["light.hdr"] = {"a.hdr": imagecodecs.rgbe_encode(pixels)}, "a.hdr"
-    head = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\nEXPOSURE=2.0\n\n+Y 4 -X 6\n"
+    head = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\nEXPOSURE=2.0\nPRIMARIES=.7 .3 .2 .8 .1 .05 .31 .33\n\n+Y 4 -X 6\n"
     row = bytes([9, 80, 200, 129, 1, 1, 1, 3, 7, 80, 200, 130, 6, 5, 4, 129])
     found["light.old.hdr"] = {"a.hdr": head + 4 * row}, "a.hdr"
     return found

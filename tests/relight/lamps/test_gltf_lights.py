@@ -182,7 +182,7 @@ def test_a_light_that_is_not_there(tmp_path):
 
 
 def test_large_pictures_are_not_unpacked(tmp_path, monkeypatch):
-    monkeypatch.setattr("relight.lamps.gltf_lights.MOST_TEXELS", 63)
+    monkeypatch.setattr("splat2mesh.scene.gltftextures.MOST_TEXELS", 63)
     with pytest.raises(InputError, match="over 63 pixels"):
         read_glow(with_sign(tmp_path / "sign.glb", picture=np.full((8, 8, 3), 255, np.uint8)))
 

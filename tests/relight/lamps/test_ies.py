@@ -101,6 +101,14 @@ def test_numbers_run_over_lines_and_end_as_dos_has_them(tmp_path):
     assert read_profile(written(tmp_path, broken)).candela == read_profile(written(tmp_path, plain)).candela
 
 
+@pytest.mark.parametrize("words", ["Tilting spot, 10W", "TILT 45 DEG MAX", "Tilt=adjustable, 0 to 30", "tilted = yes"])
+def test_free_lines_may_begin_with_the_word(tmp_path, words):
+    plain = text([0, 90], [0], [[10, 5]], "1986")
+    first, more = plain.replace("ANY LUMINAIRE", words), plain.replace("TILT=NONE", f"{words}\nTILT=NONE")
+    for content in (first, more):
+        assert read_profile(written(tmp_path, content)).candela == read_profile(written(tmp_path, plain)).candela
+
+
 GOOD = text([0, 90], [0], [[10, 5]])
 
 
@@ -109,6 +117,7 @@ GOOD = text([0, 90], [0], [[10, 5]])
     [
         ("", "no line TILT="),
         ("a picture\n", "no line TILT="),
+        (text([0, 90], [0], [[1, 1]]).replace("TILT=NONE", "Tilting"), "no line TILT="),
         (text([0, 90], [0], [[1, 1]], tilt="INCLUDE"), "expected TILT=NONE, found TILT=INCLUDE"),
         (text([0, 90], [0], [[1, 1]], kind=2), "type B, expected C"),
         (text([0, 90], [0], [[1, 1]], kind=3), "type A, expected C"),

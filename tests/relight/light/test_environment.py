@@ -6,8 +6,11 @@ import imagecodecs
 import numpy as np
 import OpenEXR
 import pytest
+from color_primaries import PRIMARIES, expected_matrix
 
 from relight import Environment, cli
+from relight.light.color_spaces import SPACES, converted
+from relight.output.probe_files import write_exr
 from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.meshfile import write_mesh_ply
@@ -177,7 +180,6 @@ EXR_CHANNELS = {
     "separate": {"R": RED, "G": GREEN, "B": BLUE},
     "mixed types": {"R": RED.astype(np.float16), "G": GREEN, "B": BLUE},
     "a layer": {"sky.R": RED, "sky.G": GREEN, "sky.B": BLUE, "Z": RED},
-    "both": {"RGB": IMAGE, "sky.R": GREEN, "sky.G": GREEN, "sky.B": GREEN},
 }
 
 
@@ -197,9 +199,83 @@ def test_luminance_only_exr_is_grey(tmp_path):
 
 def test_first_part_with_color_is_taken(tmp_path):
     contents = {"depth": {"Z": RED}, "beauty": {"RGB": IMAGE}, "other": {"RGB": 2 * IMAGE}}
+    with pytest.warns(DataWarning, match="of 2 layers beauty is the light; other left out"):
+        light = Environment.load(_write_parts(tmp_path / "parts.exr", contents))
+    np.testing.assert_array_equal(light.radiance, IMAGE)
+
+
+def _write_parts(path, contents):
     parts = [OpenEXR.Part({"type": OpenEXR.scanlineimage}, pixels, name) for name, pixels in contents.items()]
-    OpenEXR.File(parts).write(str(tmp_path / "parts.exr"))
-    np.testing.assert_array_equal(Environment.load(tmp_path / "parts.exr").radiance, IMAGE)
+    OpenEXR.File(parts).write(str(path))
+    return path
+
+
+def _layer(name, image=2 * IMAGE):
+    return {f"{name}.{color}": np.ascontiguousarray(image[..., k]) for k, color in enumerate("RGB")}
+
+
+LAYERS = {
+    "unnamed": ({"RGB": IMAGE} | _layer("Combined") | _layer("AO"), "its unnamed layer"),
+    "Blender": (_layer("ViewLayer.AO") | _layer("ViewLayer.Combined", IMAGE), "ViewLayer.Combined"),
+    "two view layers": (_layer("A.AO") | _layer("B.Combined", IMAGE) | _layer("B.DiffCol"), "B.Combined"),
+    "the compositor": (_layer("Composite.Combined", IMAGE) | _layer("ViewLayer.Combined"), "Composite.Combined"),
+    "luminance": ({"Y": RED} | _layer("AO"), "its unnamed layer"),
+    "neither": (_layer("direct", IMAGE) | _layer("indirect"), "direct"),
+}
+
+
+@pytest.mark.parametrize("kind", LAYERS)
+def test_of_several_layers_the_picture_is_the_light_and_is_named(kind, tmp_path):
+    channels, name = LAYERS[kind]
+    with pytest.warns(DataWarning, match=f"of [23] layers {name} is the light; .* left out"):
+        light = Environment.load(_write_exr(tmp_path / "layers.exr", channels))
+    wanted = np.repeat(RED[..., None], 3, axis=2) if kind == "luminance" else IMAGE
+    np.testing.assert_array_equal(light.radiance, wanted)
+
+
+PARTS = {
+    "Blender": ({"V.AO": _layer("V.AO"), "V.Combined": _layer("V.Combined", IMAGE)}, "V.Combined"),
+    "unnamed channels": ({"V.AO": {"RGB": 2 * IMAGE}, "V.Combined": {"RGB": IMAGE}}, "V.Combined"),
+    "Nuke": ({"albedo": {"RGB": 2 * IMAGE}, "rgba": {"RGB": IMAGE}, "depth": {"Z": RED}}, "rgba"),
+}
+
+
+@pytest.mark.parametrize("kind", PARTS)
+def test_of_several_parts_the_picture_is_the_light_and_is_named(kind, tmp_path):
+    contents, name = PARTS[kind]
+    with pytest.warns(DataWarning, match=f"of 2 layers (V.Combined.)?{name} is the light; .* left out"):
+        light = Environment.load(_write_parts(tmp_path / "parts.exr", contents))
+    np.testing.assert_array_equal(light.radiance, IMAGE)
+
+
+# --- colour spaces ---
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float16])
+@pytest.mark.parametrize("space", ["AP0", "AP1", "Rec.2020", "XYZ", "P3", "Rec.709"])
+def test_a_picture_in_another_space_gives_the_same_light(space, dtype, tmp_path):
+    """Half floats carry 11 bits, and the inverse of the widest space multiplies their rounding by five."""
+    stored = (IMAGE @ expected_matrix(PRIMARIES[space]).T).astype(dtype)
+    path = _write_exr(tmp_path / "a.exr", {"RGB": stored}, chromaticities=PRIMARIES[space])
+    bound = (1e-5 if dtype == np.float32 else 5 * 2.0**-11) * IMAGE.max(axis=2, keepdims=True)
+    assert (np.abs(Environment.load(path).radiance - IMAGE) <= bound).all()
+
+
+def test_passes_are_read_back_as_they_were_written_without_a_word_about_black(tmp_path):
+    pure = IMAGE * np.array([1.0, 0.0, 0.0], np.float32)
+    for name, space in SPACES.items():
+        path, header = tmp_path / f"{name}.exr", {"chromaticities": space.chromaticities}
+        write_exr(path, {"RGB": converted(pure, space)}, header)
+        np.testing.assert_allclose(Environment.load(path).radiance, pure, atol=1e-6 * pure.max())
+    write_exr(path, {"RGB": IMAGE}, {"chromaticities": SPACES["srgb"].chromaticities})
+    np.testing.assert_array_equal(Environment.load(path).radiance, IMAGE)
+
+
+def test_chromaticities_that_span_nothing_are_ignored_with_a_warning(tmp_path):
+    for bad in ((0.0,) * 8, (0.64, 0.33) * 4, (np.nan, *PRIMARIES["AP1"][1:]), (*PRIMARIES["AP1"][:7], 0.0)):
+        path = _write_exr(tmp_path / "a.exr", {"RGB": IMAGE}, chromaticities=bad)
+        with pytest.warns(DataWarning, match="span no colours, and are ignored"):
+            np.testing.assert_array_equal(Environment.load(path).radiance, IMAGE)
 
 
 @pytest.mark.parametrize(("left", "top"), [(3, 2), (-2, -1), (10, 1), (-5, 5)])
@@ -313,7 +389,7 @@ REFUSED = {
     "hdr magic alone": (lambda _: b"#?", "damaged or unusual Radiance"),
     "hdr header cut": (lambda _: imagecodecs.rgbe_encode(IMAGE)[:30], "damaged or unusual Radiance"),
     "hdr pixels cut": (lambda _: imagecodecs.rgbe_encode(IMAGE)[:-9], "damaged or unusual Radiance"),
-    "hdr in XYZ": (lambda _: b"#?RADIANCE\nFORMAT=32-bit_rle_xyze\n\n-Y 1 +X 2\n" + bytes(8), "CIE XYZ"),
+    "hdr of another kind": (lambda _: b"#?RADIANCE\nFORMAT=32-bit_rle_luv\n\n-Y 1 +X 2\n" + bytes(8), "unknown kind"),
 }
 
 

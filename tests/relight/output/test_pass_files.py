@@ -11,7 +11,7 @@ from relight import Environment, LightingOptions, RelightRequest
 from relight.cli import main
 from relight.jobs.folders import relight_files
 from relight.jobs.job import Job
-from relight.output.color_spaces import SPACES, converted
+from relight.light.color_spaces import SPACES
 from relight.output.pass_views import moved_view
 from relight.output.preview import NOWHERE, Preview
 from scenes.cameras import write_inria_cameras
@@ -85,23 +85,6 @@ def test_the_picture_is_what_the_preview_shows(made, scene):
     wanted = image @ SPACES[space].matrix.T
     np.testing.assert_allclose(layer(found, ""), wanted, rtol=1e-5, atol=1e-5)
     assert 0.2 < alpha.mean() < 1.0 and ((alpha > 0.0) & (alpha < 1.0)).any()
-
-
-def test_acescg_is_what_its_primaries_say():
-    def to_xyz(chromaticities):
-        x, y = np.array(chromaticities).reshape(4, 2).T
-        columns = np.stack([x / y, np.ones(4), (1 - x - y) / y])
-        return columns[:, :3] * np.linalg.solve(columns[:, :3], columns[:, 3]), columns[:, 3]
-
-    # Bradford's cone responses: Lam, "Metamerism and Colour Constancy" (1985), as in ICC.1 annex E.
-    cones = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]])
-    (srgb, d65), (ap1, d60) = (to_xyz(SPACES[name].chromaticities) for name in ("srgb", "acescg"))
-    adapted = np.linalg.solve(cones, np.diag(cones @ d60 / (cones @ d65)) @ cones)
-    # The constants in use are rounded from whites of four digits.
-    np.testing.assert_allclose(SPACES["acescg"].matrix, np.linalg.solve(ap1, adapted @ srgb), atol=1e-4)
-    np.testing.assert_allclose(SPACES["acescg"].matrix.sum(axis=1), 1.0, atol=1e-6)  # grey stays grey
-    colors = np.random.default_rng(0).random((5, 3)).astype(np.float32)
-    np.testing.assert_array_equal(converted(colors, SPACES["srgb"]), colors)
 
 
 def test_the_file_names_its_primaries_and_holds_floats(made):

@@ -1,9 +1,11 @@
 """What commands print cannot steer a terminal, whatever files are called and hold, and never fails the command."""
 
 import errno
+import subprocess
 import sys
 
 import pytest
+from ball_splats import solid_ball
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -12,6 +14,7 @@ from splat2mesh.base import console
 from splat2mesh.base.console import printable
 from splat2mesh.base.errors import InputError
 from splat2mesh.cli import main as splat2mesh
+from splat2mesh.splats.formats import write_splats
 
 OPTIONS = console.Display()
 HOSTILE = ["\x1b]0;owned\x07", "\x9b31m", "a\rb", "\u202eylp", "\x08\x08", "\udcff", "\u2028"]
@@ -58,6 +61,45 @@ def test_results_and_errors_of_work_are_spelled_out_too(capsys):
     assert capsys.readouterr().err.startswith("error: out/\\x1b.png: No space left on device (")
     assert console.run(lambda: fail(InputError("a\u202eb")), OPTIONS) == 2
     assert capsys.readouterr().err == "error: a\\u202eb\n"
+
+
+CLOSED = """
+import os, sys
+for number in {numbers}:
+    os.close(number)
+os.execv(sys.executable, [sys.executable, "-m", *{words}])
+"""
+PRINTED = """
+import os, subprocess, sys
+from splat2mesh.base.console import open_streams, quiet_libraries
+open_streams()
+kept = os.open({kept!r}, os.O_WRONLY | os.O_CREAT)
+assert kept > 2
+with quiet_libraries():
+    print("a", flush=True), print("b", file=sys.stderr, flush=True), sys.stdin.read(1)
+subprocess.run("echo c; echo d >&2", shell=True, check=True)
+sys.exit(7)
+"""
+
+
+@pytest.mark.parametrize("numbers", [(0,), (1,), (2,), (0, 1, 2)])
+def test_streams_that_the_parent_closed_change_neither_work_nor_exit_code(numbers, tmp_path):
+    def finished(words):
+        code = CLOSED.format(numbers=numbers, words=words)
+        return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
+
+    write_splats(tmp_path / "a.ply", solid_ball())
+    done = finished(["splat2mesh", str(tmp_path / "a.ply"), "--plan"])
+    assert done.returncode == 0 and ("views" in done.stdout) == (1 not in numbers)
+    done = finished(["relight", str(tmp_path / "b.ply")])
+    assert done.returncode == 2 and ("error: " in done.stderr) == (2 not in numbers)
+    assert "Traceback" not in done.stderr
+    kept = tmp_path / "kept"
+    (tmp_path / "printing.py").write_text(PRINTED.format(kept=str(kept)))
+    code = CLOSED.format(numbers=numbers, words=[]).replace('"-m"', repr(str(tmp_path / "printing.py")))
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
+    assert (done.returncode, kept.read_bytes()) == (7, b"")
+    assert done.stdout == ("" if 1 in numbers else "a\nc\n") and done.stderr == ("" if 2 in numbers else "b\nd\n")
 
 
 def test_a_full_disk_behind_stdout_is_one_line(monkeypatch, capsys):

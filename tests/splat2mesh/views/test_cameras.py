@@ -5,9 +5,9 @@ import pycolmap
 import pytest
 from scipy.spatial.transform import Rotation
 
-from splat2mesh.base.errors import InputError
+from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.render.view import View
-from splat2mesh.views.cameras import read_cameras, spread_out
+from splat2mesh.views.cameras import read_cameras, spread_out, usable_views
 from splat2mesh.views.colmap import read_colmap
 
 PINHOLE = "7 PINHOLE 640 480 500.25 510.5 320.125 241.75"
@@ -93,6 +93,8 @@ def test_a_binary_model_written_by_colmap_itself_reads_back_exactly(tmp_path):
         ("1 SIMPLE_RADIAL 640 480 500.25 320.5 241 -0.1", (500.25, 500.25, 320.5, 241.0)),
         ("1 RADIAL 640 480 500.25 320.5 241 -0.1 0.02", (500.25, 500.25, 320.5, 241.0)),
         ("1 OPENCV 640 480 500.25 498 320.5 241 0.1 -0.2 0.001 0.002", (500.25, 498.0, 320.5, 241.0)),
+        ("1 SIMPLE_FISHEYE 640 480 500.25 320.5 241", (500.25, 500.25, 320.5, 241.0)),
+        ("1 EUCM 640 480 500.25 498 320.5 241 0.6 1.1", (500.25, 498.0, 320.5, 241.0)),
     ],
     ids=lambda value: value.split()[1] if isinstance(value, str) else "",
 )
@@ -100,6 +102,42 @@ def test_models_with_distortion_keep_focal_length_and_principal_point(tmp_path, 
     (view,) = read_colmap(write_text(tmp_path / "model", [camera], ["1 1 0 0 0 0 0 0 1 a.png"]))
     assert (view.width, view.height) == (640, 480)
     assert (view.fx, view.fy, view.cx, view.cy) == intrinsics
+
+
+KINDS = list(map(pycolmap.CameraModelId, range(17)))
+PANORAMA = pycolmap.CameraModelId(17)
+
+
+def written_by_colmap(folder, kinds, binary=True):
+    """A model of one image for each kind of camera, written by COLMAP."""
+    model = pycolmap.Reconstruction()
+    for k, (kind, view) in enumerate(zip(kinds, some_views(len(kinds)), strict=True), 1):
+        model.add_camera_with_trivial_rig(
+            pycolmap.Camera.create_from_model_id(k, kind, 500.0 + k, view.width, view.height)
+        )
+        image = pycolmap.Image(name=f"{k}.png", camera_id=k, image_id=k)
+        model.add_image_with_trivial_frame(image, pycolmap.Rigid3d(view.camera_from_world[:3]))
+    folder.mkdir()
+    (model.write_binary if binary else model.write_text)(str(folder))
+    return folder
+
+
+@pytest.mark.parametrize("binary", [True, False])
+def test_every_camera_of_colmap_keeps_focal_length_and_principal_point(tmp_path, binary):
+    found = read_colmap(written_by_colmap(tmp_path / "model", KINDS, binary))
+    middle = [(view.width / 2, view.height / 2) for view in some_views(len(KINDS))]
+    assert [(view.fx, view.fy) for view in found] == [(500.0 + k, 500.0 + k) for k in range(1, len(KINDS) + 1)]
+    assert [(view.cx, view.cy) for view in found] == middle
+
+
+@pytest.mark.parametrize("binary", [True, False])
+def test_panoramas_are_named_and_left_out_beside_pictures(tmp_path, binary):
+    with pytest.raises(InputError, match="its pictures are panoramas, and only pinhole"):
+        read_colmap(written_by_colmap(tmp_path / "all", [PANORAMA, PANORAMA], binary))
+    found = read_colmap(written_by_colmap(tmp_path / "some", [PANORAMA, KINDS[0]], binary))
+    assert found[0] == "are panoramas" and found[1].fx == 502.0
+    with pytest.warns(DataWarning, match="of 2 cameras, 1 that are panoramas"):
+        assert len(usable_views(tmp_path / "some")) == 1
 
 
 def test_a_point_seen_in_two_images_does_not_disturb_the_poses(tmp_path):

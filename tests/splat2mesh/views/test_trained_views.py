@@ -7,11 +7,12 @@ import pytest
 from ball_splats import solid_ball
 from scipy.spatial.transform import Rotation
 
+from scenes.cameras import write_colmap
 from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.render.view import View
 from splat2mesh.splats.formats import write_splats
 from splat2mesh.splats.placing import placed, similarity
-from splat2mesh.views.cameras import cameras_beside, read_cameras, trained_views
+from splat2mesh.views.cameras import cameras_beside, read_cameras, trained_views, usable_views
 
 GL = np.diag([1.0, -1.0, -1.0, 1.0])
 
@@ -153,8 +154,66 @@ def test_blind_and_lost_cameras_are_dropped_and_counted(output):
     content = cameras_json([*views, *moved_views(views[:2], similarity(translation=[50.0, 0, 0])), views[0]])
     content[-1]["position"] = [float("nan")] * 3
     path = store(output.parent / "c.json", content)
-    with pytest.warns(DataWarning, match="of 15 cameras, 1 that have no finite pose and 2 that see no solid splat"):
+    with pytest.warns(DataWarning, match="of 15 cameras, 1 that have no finite numbers and 2 that see no solid splat"):
         assert_same_views(trained_views(path, output, solid_ball()), views)
+
+
+@pytest.mark.parametrize("spoilt", ["width", "fx"])
+def test_a_camera_whose_own_numbers_are_none_is_dropped_and_counted(output, spoilt):
+    views = orbit()
+    content = [*cameras_json(views), cameras_json(views)[0] | {spoilt: float("nan")}]
+    with pytest.warns(DataWarning, match="of 13 cameras, 1 that have no finite numbers"):
+        assert_same_views(trained_views(store(output.parent / "c.json", content), output, solid_ball()), views)
+
+
+@pytest.mark.parametrize("word", ["nan", "-nan(ind)", "1.#QNAN", "-1.#IND000", "nan(snan)", "inf", "-1.#INF"])
+def test_a_colmap_image_without_numbers_is_dropped_and_counted(tmp_path, word):
+    views = orbit()
+    write_colmap(tmp_path, views)
+    lines = (tmp_path / "images.txt").read_text().splitlines(keepends=True)
+    row = next(k for k, line in enumerate(lines) if line.startswith("3 "))
+    words = lines[row].split()
+    lines[row] = " ".join([words[0], word, *words[2:]]) + "\n"
+    (tmp_path / "images.txt").write_text("".join(lines))
+    with pytest.warns(DataWarning, match="of 12 cameras, 1 that have no finite numbers"):
+        found = trained_views(tmp_path, "a.ply", solid_ball())
+    centers = [view.center for number, view in enumerate(views, 1) if number != 3]
+    np.testing.assert_allclose([view.center for view in found], centers, atol=1e-9)
+    with pytest.warns(DataWarning, match="of 12 cameras, 1 that"):
+        assert len(usable_views(tmp_path)) == 11
+
+
+@pytest.mark.parametrize("names", [["0", "1", "2"], ["2", "11", "3"], ["0", ".", "1"]])
+def test_of_several_colmap_models_the_one_with_most_cameras_that_see_the_splat_is_used(tmp_path, names):
+    """The first has 2, the second 9 that see it and one that does not, the third more that see nothing."""
+    aside = moved_views(orbit(), similarity(translation=[50.0, 0, 0]))
+    for name, views in zip(names, [orbit()[:2], [*orbit()[:9], aside[0]], aside], strict=True):
+        (tmp_path / "sparse" / name).mkdir(parents=True, exist_ok=True)
+        write_colmap(tmp_path / "sparse" / name, views)
+    with pytest.warns(DataWarning) as seen:
+        assert len(trained_views(tmp_path, "a.ply", solid_ball())) == 9
+    used, dropped = (str(warning.message) for warning in seen)
+    chosen = "sparse" if names[1] == "." else f"sparse/{names[1]}"
+    assert f"of its 3 COLMAP models {chosen} is used, the one with most usable cameras (9; sparse/" in used
+    assert "of 10 cameras, 1 that see no solid splat" in dropped
+
+
+def test_a_model_that_is_named_is_used_and_a_larger_one_beside_it_named(tmp_path):
+    for name, views in (("0", orbit()[:2]), ("1", orbit())):
+        (tmp_path / name).mkdir()
+        write_colmap(tmp_path / name, views)
+    with pytest.warns(DataWarning, match=r"0 holds 2 cameras, and 1 beside it 12: give .*1 if"):
+        assert len(trained_views(tmp_path / "0", "a.ply", solid_ball())) == 2
+    assert len(trained_views(tmp_path / "1", "a.ply", solid_ball())) == 12
+
+
+def test_a_damaged_model_beside_a_good_one_is_left_out(tmp_path):
+    for name in "01":
+        (tmp_path / name).mkdir()
+        write_colmap(tmp_path / name, orbit())
+    (tmp_path / "0" / "images.txt").write_text("this is prose")
+    with pytest.warns(DataWarning, match=r"left out 1 of 2 COLMAP models: .*0: cannot read images\.txt"):
+        assert len(usable_views(tmp_path)) == 12
 
 
 TURN = similarity(0.4, Rotation.from_euler("xyz", [70, 20, 10], degrees=True).as_matrix(), [0.3, -0.2, 0.1])
