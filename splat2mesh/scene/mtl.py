@@ -148,7 +148,6 @@ def _is_number(word: str) -> bool:
         return False
 
 
-
 def _reason(error: Exception) -> str:
     """The end of a message, which says what is wrong with a file and not which."""
     return str(error).partition("\n")[0].rpartition(": ")[2][:80]
