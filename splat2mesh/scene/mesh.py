@@ -7,7 +7,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..base.meshlibrary import open3d
 
-
 DEGENERATE_LENGTH = 1e-6
 """A normal shorter than this (files store them with length 1) carries no direction."""
 

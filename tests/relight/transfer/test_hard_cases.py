@@ -94,7 +94,7 @@ NO_NORMALS = [[0, 0, 0], [1e-40, 0, 0], [0, -1e-45, 0], [np.nan, 0, 1], [np.inf,
 def test_missing_normals_are_those_of_the_faces_around(method):
     vertices, normals, faces = knobbed_torus()
     known, broken = normals.copy(), normals.copy()
-    known[10:16], broken[10:16] = vertex_normals(vertices, faces)[10:16], NO_NORMALS
+    known[10:16], broken[10:16] = vertex_normals(np.float32(vertices), faces)[10:16], NO_NORMALS
     albedo = np.full(vertices.shape, 0.7)
     expected, found = (
         ten_bands(scene(vertices, each, faces), method, rays=16).shade(rough_light(), albedo)
