@@ -196,7 +196,7 @@ class Choice:
         return rows
 
     def _shadows(self, skip: float) -> tuple[Mask, float]:
-        """Which chunks trace rays, (C,) bool, and the error of the others; all where none has to and the method is to."""
+        """Which chunks trace rays, (C,) bool, and the error of the others; all if none must and the method is to."""
         shadowed = np.ones(len(self.measured.shadows), bool)
         if self._effects is None and self._method in (None, "raytraced"):
             shadowed = ~self.measured.unshadowed(skip)

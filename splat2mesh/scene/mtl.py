@@ -54,7 +54,7 @@ class Materials:
         number = {look: place for place, look in enumerate(dict.fromkeys(each))}
         return [*number], np.array([number[look] for look in each], np.int64)
 
-    def colors(self, looks: list[Material], chosen: NDArray[np.int64], uv: NDArray) -> NDArray[np.float64] | None:
+    def colors(self, looks: list[Material], chosen: NDArray[np.int64], uv: NDArray) -> NDArray | None:
         """(V, 3) sRGB of vertices, None where no material has any; warns about what cannot be read.
 
         chosen: (V,) of `looks`. uv: (V, 2), v up from the last row; not a number where a vertex has none.
