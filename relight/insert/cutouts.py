@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Faces, Floats, Integers, Mask, Points
-from splat2mesh.scene.gltftextures import Texture
+from splat2mesh.scene.gltftextures import MappedTexture
 
 from .refine import carried, refined
 
@@ -15,6 +15,10 @@ STEPS = 12
 
 PARTS, LATER_PARTS = 6, 3
 """Into which each side of a face is cut to find both sides of a mask on it, first and in halved faces."""
+
+
+SLAB = 1 << 18
+"""Faces at a time: large meshes would take gigabytes."""
 
 
 class Cut(NamedTuple):
@@ -49,7 +53,7 @@ class Masked(NamedTuple):
     points: Points
     uv: NDArray[np.float64]
     opacity: Floats
-    texture: Texture | None
+    texture: MappedTexture | None
     cutoff: float
 
     def refined(self, rounds: list[Integers]) -> "Masked":
@@ -58,13 +62,17 @@ class Masked(NamedTuple):
             points=carried(self.points, rounds), uv=carried(self.uv, rounds), opacity=carried(self.opacity, rounds)
         )
 
-    def alpha(self, faces: Integers, weights: NDArray) -> NDArray[np.float64]:
-        """(F, N) at points (N, 3) of faces."""
-        found = np.asarray(weights @ self.opacity[faces].T, np.float64).T
-        if self.texture is not None:
-            for column, weight in enumerate(weights):
-                found[:, column] *= self.texture.alpha(np.einsum("k,fkc->fc", weight, self.uv[faces]))
-        return found
+    def covered(self, faces: Integers, weights: NDArray) -> NDArray[np.float64]:
+        """(F,): share of points (N, 3) of each face at which there is a surface."""
+        found = np.zeros(len(faces))
+        for weight in weights:
+            for start in range(0, len(faces), SLAB):
+                corners = faces[start : start + SLAB]
+                alpha = self.opacity[corners] @ weight
+                if self.texture is not None:
+                    alpha = alpha * self.texture.alpha(np.einsum("k,fkc->fc", weight, self.uv[corners]))
+                found[start : start + SLAB] += alpha >= self.cutoff
+        return found / len(weights)
 
     def texels(self, faces: Integers) -> NDArray[np.float64]:
         """(F,): texels along the longest edge of a face."""
@@ -85,19 +93,19 @@ def cut_out(surface: Masked, faces: Faces, most_faces: int) -> tuple[Faces, list
     fine = surface
     for step in range(STEPS + 1):
         weights = _lattice(LATER_PARTS if step else PARTS)
-        alpha = fine.alpha(faces, weights) >= fine.cutoff
-        coarse = alpha.any(axis=1) & ~alpha.all(axis=1) & (fine.texels(faces) > 1.0)
+        share = fine.covered(faces, weights)
+        coarse = (share > 0.0) & (share < 1.0) & (fine.texels(faces) > 1.0)
         if not coarse.any() or len(faces) > most_faces or step == STEPS:
             break
         corners = fine.points[faces[coarse]].astype(np.float64)
         longest = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2).max()
         wanted = np.zeros(len(fine.points), bool)
         wanted[faces[coarse]] = True
-        faces, more = refined(fine.points, faces, 0.5 * float(longest), most_faces, wanted)
+        halved, more = refined(fine.points, faces, 0.5 * float(longest), most_faces, wanted)
         if not more:
             break
-        rounds, fine = rounds + more, fine.refined(more)
-    mostly = alpha.mean(axis=1) >= 0.5  # of faces that stay too large to be cut
+        faces, rounds, fine = halved, rounds + more, fine.refined(more)
+    mostly = share >= 0.5  # of faces that stay too large to be cut
     at_vertices = fine.opacity if fine.texture is None else fine.opacity * fine.texture.alpha(fine.uv)
     kept, cut = _clipped(faces[~coarse], faces[coarse & mostly], np.asarray(at_vertices, np.float64), surface.cutoff)
     return kept, rounds, cut

@@ -14,7 +14,7 @@ from splat2mesh.base.inputs import quiet_numbers, reading
 from splat2mesh.scene.color import linear_from_srgb
 from splat2mesh.scene.gltf import GltfData, entry
 from splat2mesh.scene.gltfmesh import Piece, placed_pieces
-from splat2mesh.scene.gltftextures import Texture, Textures, base_color
+from splat2mesh.scene.gltftextures import MappedTexture, Textures, base_color
 from splat2mesh.scene.mesh import Mesh, vertex_normals
 from splat2mesh.scene.meshfile import read_mesh
 
@@ -114,10 +114,10 @@ class _Raw:
 
     def __init__(self, points: NDArray, normals: NDArray, faces: Faces, color: NDArray) -> None:
         self.points, self.normals, self.faces, self.color = points, normals, faces, color
-        self.texture: Texture | None = None
+        self.texture: MappedTexture | None = None
         self.cutoff: float | None = None
         self.emitted = np.zeros(3)
-        self.glow: Texture | None = None
+        self.glow: MappedTexture | None = None
         self.material: int | None = None
         self.node: int | None = None
 
@@ -161,30 +161,31 @@ def _of_piece(data: GltfData, piece: Piece, textures: Textures, asked: AskedInse
 
 
 def _fine(raw: _Raw, tint: NDArray, whole: Mesh | None = None) -> Part:
-    """The Part, refined until its edges are short beside the whole mesh."""
+    """The Part, refined until its edges are short beside the whole mesh, and cut along its alpha mask."""
     extent = raw.points if whole is None else whole.vertices
     diagonal = float(np.linalg.norm(np.ptp(extent.astype(np.float64), axis=0)))
     faces, rounds = refined(raw.points, raw.faces, diagonal / FINENESS, MOST_FACES)
     cut = None
     if raw.cutoff is not None:
         uv = np.zeros((len(raw.points), 2)) if raw.texture is None else raw.texture.uv
-        whole = Masked(np.asarray(raw.points, np.float64), uv, raw.color[:, 3], raw.texture, raw.cutoff).refined(rounds)
-        faces, more, cut = cut_out(whole, faces, MOST_FACES)
+        masked = Masked(np.asarray(raw.points, np.float64), uv, raw.color[:, 3], raw.texture, raw.cutoff)
+        faces, more, cut = cut_out(masked.refined(rounds), faces, MOST_FACES)
         rounds = rounds + more
 
-    def at_vertices(values: NDArray) -> NDArray:
-        return carried_through(values, rounds, cut)
+    def at_vertices(values: NDArray) -> NDArray[np.float32]:
+        return carried_through(np.asarray(values, np.float32), rounds, cut)
 
     color = at_vertices(raw.color)
     color[:, :3] *= tint.astype(np.float32)
-    albedo, uv = color[:, :3], None
+    albedo, shown = color[:, :3], None
     if raw.texture is not None:
-        uv = at_vertices(np.asarray(raw.texture.uv, np.float32))
-        albedo = albedo * raw.texture.color(uv, raw.cutoff or 0.0)
+        place = at_vertices(raw.texture.uv)
+        albedo = albedo * raw.texture.color(place, raw.cutoff or 0.0)
+        shown = place if raw.texture.decoded else None
     emission = np.broadcast_to(raw.emitted, albedo.shape)
     if raw.glow is not None:
-        emission = emission * raw.glow.color(at_vertices(np.asarray(raw.glow.uv, np.float32)))
-    points, normals = at_vertices(np.asarray(raw.points, np.float32)), unit(at_vertices(np.float32(raw.normals)))
+        emission = emission * raw.glow.color(at_vertices(raw.glow.uv))
+    points, normals = at_vertices(raw.points), unit(at_vertices(raw.normals))
     reflected = np.asarray(np.clip(albedo, DARKEST, LIGHTEST), np.float32)
     sent = emission.astype(np.float32)
-    return Part(points, normals, faces, color, uv, reflected, sent, raw.material, raw.node, rounds, cut)
+    return Part(points, normals, faces, color, shown, reflected, sent, raw.material, raw.node, rounds, cut)

@@ -51,7 +51,9 @@ def from_rec709(chromaticities: Sequence[float]) -> NDArray[np.float64] | None:
         return np.eye(3)
     white, wanted = (_BRADFORD @ each.sum(axis=1) for each in (shared, own))
     adapted = np.linalg.solve(_BRADFORD, (wanted / white)[:, None] * _BRADFORD) if (white > 0.0).all() else None
-    return None if adapted is None or (wanted <= 0.0).any() else np.linalg.solve(own, adapted @ shared)
+    if adapted is None or (wanted <= 0.0).any():
+        return None
+    return np.asarray(np.linalg.solve(own, adapted @ shared), np.float64)
 
 
 def _xyz_from_rgb(chromaticities: Sequence[float]) -> NDArray[np.float64] | None:

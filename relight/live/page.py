@@ -32,7 +32,10 @@ PAGE, FOLDER, INDEX = "relit.html", "web", "index.html"
 
 _WEB = Path(__file__).parent / "web"
 
-_LIBRARY = "light", "piz", "splats", "shadow", "objects", "framing", "gloss", "ground", "exr", "indicator", "live"
+_LIBRARY = (
+    *("primaries", "light", "piz", "splats", "shadow", "objects", "framing", "gloss", "ground", "exr"),
+    *("indicator", "live"),
+)
 """Modules that the page joins into one, each after its imports. Their top-level names must differ."""
 
 _PAGE = "host", "recolour_shaders", "recolour", "floor", "panel", "movement", "page"

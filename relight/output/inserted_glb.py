@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from splat2mesh.scene.glb import Glb
 from splat2mesh.scene.gltf import GltfData
-from splat2mesh.scene.gltftextures import GREY, Textures, base_color
+from splat2mesh.scene.gltftextures import Textures, base_color
 
 from ..insert.objects import Part
 
@@ -105,13 +105,10 @@ class _Materials:
                 setattr(made, name, getattr(source, name))
         _, texture = base_color(source)
         if part.uv is not None and texture:
-            index = self._texture(texture["index"])
-            surface.baseColorTexture = None if index is None else gltf.TextureInfo(index=index)
-            if index is None:
-                surface.baseColorFactor = [GREY, GREY, GREY, 1.0]
+            surface.baseColorTexture = gltf.TextureInfo(index=self._texture(texture["index"]))
         return made
 
-    def _texture(self, index: int) -> int | None:
+    def _texture(self, index: int) -> int:
         import pygltflib as gltf
 
         if index in self._textures:
@@ -120,8 +117,6 @@ class _Materials:
         document, made = self._data.document, self._file.document
         texture = document.textures[index]
         content = self._pictures.encoded(index)
-        if content is None:
-            return None
         kind = "image/png" if content[:4] == b"\x89PNG" else "image/jpeg"
         made.images.append(gltf.Image(bufferView=self._file.data(content), mimeType=kind))
         sampler = None

@@ -48,16 +48,17 @@ def base_color(material: Any) -> tuple[list[float], Any]:
 
 
 @dataclass(frozen=True, eq=False)
-class Texture:
+class MappedTexture:
     """A picture on vertices.
 
     pixels: (H, W, 4) uint8 or uint16, sRGB and alpha. uv: (V, 2) float64, transformed. wraps: those of its sampler,
-    across and down.
+    across and down. decoded: whether it is that of the file, not a grey texel in its place.
     """
 
     pixels: NDArray[Any]
     uv: NDArray[np.float64]
     wraps: tuple[int, int]
+    decoded: bool = True
 
     def color(self, uv: NDArray, least_alpha: float = 0.0) -> NDArray[np.float32]:
         """(N, 3) float32 linear of the nearest texels at (N, 2); where one has less alpha, of those around it that have
@@ -120,8 +121,8 @@ class Textures:
         self._pictures: dict[int, NDArray[Any] | None] = {}
         self._lost: dict[int, str] = {}
 
-    def on(self, info: Any, held: dict[str, NDArray]) -> Texture | None:
-        """The Texture of a textureInfo on vertices that hold attributes; None without coordinates, or where it shows no
+    def on(self, info: Any, held: dict[str, NDArray]) -> MappedTexture | None:
+        """The MappedTexture of a textureInfo on vertices that hold attributes; None without coordinates, or where it shows no
         picture. Raises InputError for pictures that are too large."""
         moved = (info.get("extensions") or {}).get(TRANSFORM) or {}
         number = moved.get("texCoord", info.get("texCoord"))
@@ -133,12 +134,12 @@ class Textures:
         for source in _sources(texture):
             pixels = self._picture(source)
             if pixels is not None:
-                return Texture(pixels, _moved(uv, moved), (sampler.get("wrapS") or 0, sampler.get("wrapT") or 0))
+                return MappedTexture(pixels, _moved(uv, moved), (sampler.get("wrapS") or 0, sampler.get("wrapT") or 0))
         if _sources(texture):
             self._lost[info["index"]] = ", ".join(texture.extensions or {}) or "another kind of picture"
             pixels = np.full((1, 1, 4), 255, np.uint8)
             pixels[..., :3] = round(255 * (1.055 * GREY ** (1 / 2.4) - 0.055))
-            return Texture(pixels, np.zeros((len(uv), 2)), (0, 0))
+            return MappedTexture(pixels, np.zeros((len(uv), 2)), (0, 0), False)
         return None
 
     def base_colors(self, number: int | None, held: dict[str, NDArray]) -> NDArray[np.float32]:
@@ -151,8 +152,8 @@ class Textures:
         on = info and self.on(info, held)
         return plain * on.color(on.uv) if on else plain
 
-    def encoded(self, index: int) -> bytes | None:
-        """The picture of a texture as PNG or JPEG, which every program reads; None where it cannot be decoded."""
+    def encoded(self, index: int) -> bytes:
+        """The picture of a texture as PNG or JPEG, which every program reads. Raises InputError for none."""
         from PIL import Image
 
         for source in _sources(entry(self._data.document.textures, index)):
@@ -164,7 +165,7 @@ class Textures:
                 packed = io.BytesIO()
                 Image.fromarray(pixels.astype(np.uint8)).save(packed, "PNG")
                 return packed.getvalue()
-        return None
+        raise InputError(f"{self._data.path}: texture {index} has no picture that can be decoded")
 
     def warn_lost(self) -> None:
         """Give one DataWarning about textures that could not be decoded."""
@@ -182,7 +183,7 @@ class Textures:
                 content = b""
             found = decoded(content, MOST_TEXELS, self._data.path)
             texels = 0 if found is None else found.shape[0] * found.shape[1]
-            for name, old in list(self._pictures.items()):  # the oldest first, to be decoded again if need be
+            for name, old in reversed(list(self._pictures.items())):  # what is dropped is decoded again if need be
                 texels += 0 if old is None else old.shape[0] * old.shape[1]
                 if texels > MOST_TEXELS:
                     del self._pictures[name]

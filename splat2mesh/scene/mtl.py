@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..base.errors import DataWarning, InputError
 from ..base.inputs import LARGEST_SMALL_FILE, file_size, inside, reading
 from .color import linear_from_srgb, srgb_from_linear
-from .gltftextures import MOST_TEXELS, Texture, decoded
+from .gltftextures import MOST_TEXELS, MappedTexture, decoded
 
 _ARGUMENTS = {"-blendu": 1, "-blendv": 1, "-cc": 1, "-clamp": 1, "-texres": 1, "-bm": 1, "-imfchan": 1, "-boost": 1}
 _ARGUMENTS |= {"-mm": 2, "-type": 1}
@@ -77,7 +77,7 @@ class Materials:
         if pixels is None:
             return np.tile(plain, (len(uv), 1))
         place = uv * material.scale + material.offset
-        texels = Texture(pixels, place, (0, 0)).color(np.stack([place[:, 0], 1.0 - place[:, 1]], axis=1))
+        texels = MappedTexture(pixels, place, (0, 0)).color(np.stack([place[:, 0], 1.0 - place[:, 1]], axis=1))
         without = np.isnan(uv).any(axis=1)
         # Programs that paint by a picture alone write black beside it.
         return np.where(without[:, None], plain, texels * (plain if plain.any() else 1.0))

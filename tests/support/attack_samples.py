@@ -224,6 +224,8 @@ def _cameras(folder):
 
 
 def _others(folder):
+    from textured_quads import packed, textured, write_square
+
     from relight.transfer.store import Cache
 
     objects = [
@@ -236,5 +238,13 @@ def _others(folder):
     (folder / "cache").mkdir()
     Cache(folder / "cache", "geometry").put("transfer", "raytraced", 3, 8, 0, transfer=np.zeros((12, 9), np.float32))
     kept = next((folder / "cache").glob("*.npz"))
+    pixels = np.full((16, 16, 4), 255, np.uint8)
+    pixels[:, 8:, 3] = 0
+    moved = {"extensions": {"KHR_texture_transform": {"offset": [0.1, 0.2], "rotation": 0.3, "scale": [1.5, 0.5]}}}
+    copies = {"TRANSLATION": np.zeros((3, 3)), "ROTATION": np.tile([0, 0, 0, 1.0], (3, 1))}
+    textures = [{"extensions": {"EXT_texture_webp": {"source": 0}}}]
+    material = textured(moved, alphaMode="MASK")
+    path = write_square(folder / "square.glb", material, [packed(pixels, "WEBP")], textures, copies)
+    found["object"] = {"a.glb": path.read_bytes()}, "a.glb"
     found["cache"] = {f"cache/{kept.name}": kept.read_bytes()}, "cache"
     return found

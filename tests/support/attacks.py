@@ -72,6 +72,14 @@ def _albedo(path):
     return _read(path, 12)
 
 
+def _object(path):
+    from relight.insert.asked import AskedInsert
+    from relight.insert.objects import read_object
+
+    found = read_object(AskedInsert(str(path), (0.0, 0.0, 0.0)))
+    return found.joined("vertices"), found.joined("albedo"), found.faces
+
+
 def _cache(path):
     from relight.transfer.store import Cache
 
@@ -93,6 +101,7 @@ READERS = {
     "colmap.txt": _cameras,
     "layout": _layout,
     "albedo": _albedo,
+    "object": _object,
     "cache": _cache,
 }
 SUMMED = ("scene", "splat.spz")
@@ -236,7 +245,7 @@ def lies(kind, files, entry):
     elif kind == "splat.spz":
         for count in (48_000_000, 1 << 31):
             yield Attack(f"{count} splats", {entry: _later(_spz_bomb, count)}, entry)
-    elif kind in ("mesh.glb", "animation"):
+    elif kind in ("mesh.glb", "animation", "object"):
         data = files[entry]
         yield Attack("4 GB of JSON", {entry: data[:12] + struct.pack("<I", 0xFFFFFFF0) + data[16:]}, entry)
         for change in _gltf_lies():

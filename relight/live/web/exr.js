@@ -2,11 +2,13 @@
 // After the layout of openexr.com/en/latest/OpenEXRFileLayout.html.
 
 import { unpackPiz } from "./piz.js";
+import { toSrgb } from "./primaries.js";
 
 const MAGIC = 20000630, TILED = 0x200, DEEP = 0x800, PARTS = 0x1000;
 const ROWS = { 0: 1, 1: 1, 2: 1, 3: 16, 4: 32 }; // of a block, by compression
 const OTHERS = { 5: "PXR24", 6: "B44", 7: "B44A", 8: "DWAA", 9: "DWAB", 10: "HTJ2K" };
 const UINT = 0, HALF = 1, FLOAT = 2, BYTES = { [UINT]: 4, [HALF]: 2, [FLOAT]: 4 };
+const COMBINED = ["combined", "beauty", "rgba"]; // as relight/light/environment_files.py
 const MOST_PIXELS = 1 << 27;
 
 // An .exr: {width, height, image} from the top row down, image width x height x 3, linear. Throws an Error of one line.
@@ -37,6 +39,7 @@ async function read(bytes) {
     const plain = size === whole ? packed : await unpacked(compression, packed, whole, channels, width, count);
     place(plain, channels, shown, width, count, image, first * width);
   }
+  if ("chromaticities" in attributes) toSrgb(image, [0, 1, 2, 3, 4, 5, 6, 7].map((k) => view.getFloat32(attributes.chromaticities + 4 * k, true)));
   return { width, height, image };
 }
 
@@ -75,10 +78,11 @@ function channelsOf(view, start) {
   return found;
 }
 
-// Rows of `channels` that are red, green and blue: of the picture itself, else of its first layer, else grey.
+// Rows of `channels` that are red, green and blue: of the picture itself, else grey, else of Combined or the first layer.
 function colorsOf(channels) {
-  const names = channels.map(({ name }) => name);
-  const red = names.includes("R") ? "R" : names.find((name) => name.endsWith(".R"));
+  const names = channels.map(({ name }) => name), layers = names.filter((name) => name.endsWith(".R"));
+  const combined = layers.find((name) => name.toLowerCase().split(".").some((word) => COMBINED.includes(word)));
+  const red = names.includes("R") ? "R" : names.includes("Y") ? undefined : combined ?? layers[0];
   if (red !== undefined) {
     const found = ["R", "G", "B"].map((color) => names.indexOf(red.slice(0, -1) + color));
     if (found.every((index) => index >= 0)) return found;

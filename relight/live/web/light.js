@@ -1,5 +1,7 @@
 // Light: harmonics about +y, lat-long images, Radiance files, suns. MIT licence.
 
+import { XYZ_PRIMARIES, toSrgb } from "./primaries.js";
+
 export const BANDS = 10;
 export const SPREAD_BANDS = 4;
 export const HEIGHT = 64;
@@ -121,7 +123,7 @@ export function fromRgbe(bytes) {
 
 // A Radiance .hdr: {width, height, image} from the top row down. Throws an Error of one line.
 export function readHdr(bytes) {
-  let at = 0;
+  let at = 0, primaries = [];
   const line = () => {
     let text = "";
     while (at < bytes.length && bytes[at] !== 10) text += String.fromCharCode(bytes[at++]);
@@ -130,7 +132,9 @@ export function readHdr(bytes) {
   };
   if (!line().startsWith("#?")) throw new Error("not a Radiance .hdr: convert the light to one, 2:1");
   for (let text = line(); text !== ""; text = line()) {
-    if (text.startsWith("FORMAT=") && !text.includes("32-bit_rle_rgbe")) throw new Error(`a .hdr in ${text.slice(7)}: export it as 32-bit_rle_rgbe`);
+    if (text.startsWith("FORMAT=") && !/32-bit_rle_(rgb|xyz)e/.test(text)) throw new Error(`a .hdr in ${text.slice(7)}: export it as 32-bit_rle_rgbe`);
+    if (text.includes("32-bit_rle_xyze")) primaries = XYZ_PRIMARIES;
+    if (text.startsWith("PRIMARIES=") && primaries !== XYZ_PRIMARIES) primaries = text.slice(10).trim().split(/\s+/).map(Number);
     if (at >= bytes.length) throw new Error("a .hdr without a picture: it is cut short");
   }
   const size = /^-Y (\d+) \+X (\d+)$/.exec(line());
@@ -160,7 +164,7 @@ export function readHdr(bytes) {
     }
     image.set(fromRgbe(packed), row * width * 3);
   }
-  return { width, height, image };
+  return { width, height, image: toSrgb(image, primaries) };
 }
 
 // A lat-long image in 64 x 128 texels, means by solid angle.

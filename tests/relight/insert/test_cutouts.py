@@ -9,7 +9,7 @@ from relight.insert.cutouts import Masked, cut_out
 from relight.insert.objects import read_object
 from splat2mesh.base.errors import InputError
 from splat2mesh.scene.color import linear_from_srgb
-from splat2mesh.scene.gltftextures import Texture
+from splat2mesh.scene.gltftextures import MappedTexture
 
 CLAMPED = 33071
 SQUARE = np.array([[0, 2, 1], [0, 3, 2]])
@@ -35,7 +35,7 @@ def areas(points, faces):
 
 
 def cut(pixels, cutoff=0.5, opacity=(1.0,) * 4, most=100_000):
-    texture = Texture(pixels, CORNERS[:, ::2].astype(float), (CLAMPED, CLAMPED))
+    texture = MappedTexture(pixels, CORNERS[:, ::2].astype(float), (CLAMPED, CLAMPED))
     surface = Masked(CORNERS.astype(float), texture.uv, np.float32(opacity), texture, cutoff)
     faces, rounds, found = cut_out(surface, SQUARE, most)
     from relight.insert.refine import carried

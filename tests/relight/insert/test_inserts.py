@@ -8,6 +8,7 @@ import pytest
 import trimesh
 from gltf_check import validator_issues
 from insert_places import card, disc, floor_place, grid_floor, obj, request, rows
+from textured_quads import packed, textured, write_square
 
 from relight import RelightRequest
 from relight.cli import main
@@ -96,6 +97,34 @@ def test_a_mesh_keeps_material_and_picture_and_validates(place, tmp_path):
     mesh = trimesh.load(tmp_path / "out" / "inserted.glb", force="mesh")
     np.testing.assert_allclose(mesh.bounds, [[-0.3, 0.0, -0.3], [0.3, 0.6, 0.3]], atol=2e-3)
     assert validator_issues(tmp_path / "out" / "inserted.glb")["messages"] == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["webp", "mask", "ktx2"])
+def test_pictures_of_other_kinds_are_written_as_every_program_reads_them(place, tmp_path, kind):
+    pixels = np.dstack([np.full((8, 8, 3), (255, 128, 0), np.uint8), np.full((8, 8), 255, np.uint8)])
+    textures, content = [{"source": 0}], packed(pixels)
+    if kind == "webp":
+        textures, content = [{"extensions": {"EXT_texture_webp": {"source": 0}}}], packed(pixels, "WEBP")
+    elif kind == "ktx2":
+        textures, content = [{"extensions": {"KHR_texture_basisu": {"source": 0}}}], b"\xabKTX 20\xbb\r\n\x1a\n"
+    else:
+        pixels[:, 4:, 3] = 0
+        content = packed(pixels)
+    copies = {"TRANSLATION": np.array([[-0.5, 0.2, -0.5], [1.0, 0.2, -0.5]])}
+    path = write_square(tmp_path / "a.glb", textured(alphaMode="MASK"), [content], textures, copies)
+    asked = request(place, [f"{path} at=0,.2,0"], tmp_path / "out")
+    if kind == "ktx2":
+        with pytest.warns(DataWarning, match=r"1 textures cannot be decoded \(KHR_texture_basisu\)"):
+            relight_files(asked)
+    else:
+        relight_files(asked)
+    made = pygltflib.GLTF2().load(tmp_path / "out" / "inserted.glb")
+    assert len(made.meshes) == 2 and [image.mimeType for image in made.images] == ["image/png"] * (kind != "ktx2")
+    assert validator_issues(tmp_path / "out" / "inserted.glb")["messages"] == []
+    bounds = trimesh.load(tmp_path / "out" / "inserted.glb", force="mesh").bounds
+    # To the half of the second square that the mask leaves, and the eighth of a texel by which it is rounded.
+    assert bounds[1, 0] - bounds[0, 0] == pytest.approx(2.0 if kind == "mask" else 2.5, abs=0.02)
 
 
 @pytest.mark.slow

@@ -5,9 +5,11 @@ import shutil
 import subprocess
 from pathlib import Path
 
+import imagecodecs
 import numpy as np
 import OpenEXR
 import pytest
+from color_primaries import PRIMARIES, expected_matrix
 
 ROOT = Path(__file__).parents[3]
 
@@ -86,6 +88,31 @@ def test_alpha_layers_and_grey(tmp_path):
     expected = [image, other, np.repeat(other[..., 1:2], 3, axis=2)]
     for (_, found), wanted in zip(read(tmp_path, files), expected, strict=True):
         np.testing.assert_array_equal(found, wanted.astype(np.float32))
+
+
+def test_of_several_layers_the_picture_is_the_light(tmp_path):
+    image, other = light(20, 10, np.float32), light(20, 10, np.float32, 1)
+    layer = {f"V.Combined.{name}": image[..., k] for k, name in enumerate("RGB")}
+    layer |= {f"V.AO.{name}": other[..., k] for k, name in enumerate("RGB")}
+    grey = {"Y": image[..., 1]} | {f"AO.{name}": other[..., k] for k, name in enumerate("RGB")}
+    files = [write(tmp_path / "a.exr", layer, READ["zip"]), write(tmp_path / "b.exr", grey, READ["zip"])]
+    (_, found), (_, without) = read(tmp_path, files)
+    np.testing.assert_array_equal(found, image)
+    np.testing.assert_array_equal(without, np.repeat(image[..., 1:2], 3, axis=2))
+
+
+@pytest.mark.parametrize("space", PRIMARIES)
+def test_primaries_are_converted_as_they_are_where_pictures_are_lit(tmp_path, space):
+    image = np.random.default_rng(3).random((10, 20, 3), np.float32) + np.float32(0.1)
+    stored = (image @ expected_matrix(PRIMARIES[space]).T).astype(np.float32)
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    OpenEXR.File(header | {"chromaticities": PRIMARIES[space]}, {"RGB": stored}).write(str(tmp_path / "a.exr"))
+    line = " ".join(f"{each:.6f}" for each in PRIMARIES[space])
+    packed = imagecodecs.rgbe_encode(stored).replace(b"\n\n", f"\nPRIMARIES= {line}\n\n".encode(), 1)
+    (tmp_path / "a.hdr").write_bytes(packed)
+    (_, found), (_, other) = read(tmp_path, [tmp_path / "a.exr", tmp_path / "a.hdr"])
+    np.testing.assert_allclose(found, image, atol=1e-5)
+    assert (np.abs(other - image) <= 3 / 128 * image.max(axis=2, keepdims=True)).all()
 
 
 def test_no_light_is_negative_or_without_a_number(tmp_path):

@@ -18,7 +18,7 @@ DEEP = np.array([[0, 12850], [40000, 65535]], np.uint16)
 
 
 def read(path):
-    """The Texture of a file's material, and the Textures."""
+    """The MappedTexture of a file's material, and the Textures."""
     data = GltfData(path)
     textures = Textures(data)
     (piece,) = placed_pieces(data)
@@ -57,7 +57,10 @@ def test_what_cannot_be_decoded_is_grey_and_named_once(tmp_path):
     with pytest.warns(DataWarning, match=r"a\.glb: 1 textures cannot be decoded \(KHR_texture_basisu\)") as seen:
         np.testing.assert_allclose(colors(path), GREY, atol=3e-3)  # half a step of a byte
     assert len(seen) == 1
-    assert read(path)[1].encoded(0) is None
+    texture, textures = read(path)
+    assert not texture.decoded
+    with pytest.raises(InputError, match="texture 0 has no picture"):
+        textures.encoded(0)
 
 
 def test_pictures_of_16_bits_keep_their_light(tmp_path):
