@@ -122,8 +122,8 @@ class Textures:
         self._lost: dict[int, str] = {}
 
     def on(self, info: Any, held: dict[str, NDArray]) -> MappedTexture | None:
-        """The MappedTexture of a textureInfo on vertices that hold attributes; None without coordinates, or where it shows no
-        picture. Raises InputError for pictures that are too large."""
+        """The MappedTexture of a textureInfo on vertices that hold attributes; None without coordinates, or where it
+        shows no picture. Raises InputError for pictures that are too large."""
         moved = (info.get("extensions") or {}).get(TRANSFORM) or {}
         number = moved.get("texCoord", info.get("texCoord"))
         uv = held.get(f"TEXCOORD_{number or 0}")
