@@ -76,9 +76,12 @@ def loads(text: str | bytes, **how: Any) -> Any:
 def number(word: str) -> float:
     """The number of a word, also where Microsoft's C wrote it: `-nan(ind)`, `1.#QNAN`, `-1.#INF`. Raises ValueError for
     what is none."""
-    if _MICROSOFTS.fullmatch(word):
-        return float(word.partition("1.#")[0] + "inf") if "#INF" in word else math.nan
-    return float(word)
+    try:
+        return float(word)
+    except ValueError:
+        if not _MICROSOFTS.fullmatch(word):
+            raise
+    return float(word.partition("1.#")[0] + "inf") if "#INF" in word else math.nan
 
 
 _MICROSOFTS = re.compile(r"[+-]?(nan\(\w*\)|1\.#\w+)")

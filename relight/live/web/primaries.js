@@ -10,7 +10,7 @@ export function toSrgb(image, primaries) {
   const matrix = srgbFrom(primaries);
   if (!matrix) return image;
   for (let at = 0; at < image.length; at += 3) {
-    const found = times(matrix, [image[at], image[at + 1], image[at + 2]]);
+    const found = applied3(matrix, [image[at], image[at + 1], image[at + 2]]);
     for (let k = 0; k < 3; k++) image[at + k] = Math.max(0, found[k]);
   }
   return image;
@@ -19,25 +19,25 @@ export function toSrgb(image, primaries) {
 function srgbFrom(primaries) {
   const own = xyzOf(primaries), srgb = xyzOf(SRGB_PRIMARIES);
   if (!own || primaries.every((each, k) => Math.abs(each - SRGB_PRIMARIES[k]) < SAME_PRIMARIES)) return null;
-  const [from, to] = [own, srgb].map((matrix) => times(BRADFORD, times(matrix, [1, 1, 1])));
+  const [from, to] = [own, srgb].map((matrix) => applied3(BRADFORD, applied3(matrix, [1, 1, 1])));
   if (!from.every((each) => each > 0)) return null;
   const scaled = BRADFORD.map((row, k) => row.map((value) => value * to[k] / from[k]));
-  return product(inverse(srgb), product(inverse(BRADFORD), product(scaled, own)));
+  return product3(inverse3(srgb), product3(inverse3(BRADFORD), product3(scaled, own)));
 }
 
 function xyzOf(primaries) {
   if (primaries.length !== 8 || !primaries.every((each) => Math.abs(each) <= FARTHEST_PRIMARY) || !(primaries[7] > 0)) return null;
   const [red, green, blue, white] = [0, 2, 4, 6].map((k) => [primaries[k], primaries[k + 1], 1 - primaries[k] - primaries[k + 1]]);
-  const columns = [0, 1, 2].map((k) => [red[k], green[k], blue[k]]), back = inverse(columns);
-  const amount = back && times(back, white.map((value) => value / primaries[7]));
+  const columns = [0, 1, 2].map((k) => [red[k], green[k], blue[k]]), back = inverse3(columns);
+  const amount = back && applied3(back, white.map((value) => value / primaries[7]));
   return amount?.every((value) => value > 0) ? columns.map((row) => row.map((value, k) => value * amount[k])) : null;
 }
 
-const times = (matrix, vector) => matrix.map((row) => row[0] * vector[0] + row[1] * vector[1] + row[2] * vector[2]);
+const applied3 = (matrix, vector) => matrix.map((row) => row[0] * vector[0] + row[1] * vector[1] + row[2] * vector[2]);
 
-const product = (a, b) => a.map((row) => [0, 1, 2].map((k) => row[0] * b[0][k] + row[1] * b[1][k] + row[2] * b[2][k]));
+const product3 = (a, b) => a.map((row) => [0, 1, 2].map((k) => row[0] * b[0][k] + row[1] * b[1][k] + row[2] * b[2][k]));
 
-function inverse(m) {
+function inverse3(m) {
   const minor = (i, k) => m[(i + 1) % 3][(k + 1) % 3] * m[(i + 2) % 3][(k + 2) % 3] - m[(i + 1) % 3][(k + 2) % 3] * m[(i + 2) % 3][(k + 1) % 3];
   const whole = m[0][0] * minor(0, 0) + m[0][1] * minor(0, 1) + m[0][2] * minor(0, 2);
   return Math.abs(whole) < SAME_PRIMARIES ? null : [0, 1, 2].map((i) => [0, 1, 2].map((k) => minor(k, i) / whole));

@@ -170,7 +170,7 @@ def test_the_sun_of_a_dropped_hdr_is_found_where_it_is(folder, tmp_path):
     ("content", "message"),
     [
         (b"\x89PNG", "not a Radiance"),
-        (b"#?RADIANCE\nFORMAT=32-bit_rle_xyze\n\n-Y 1 +X 1\n0000", "xyze"),
+        (b"#?RADIANCE\nFORMAT=32-bit_rle_luv\n\n-Y 1 +X 1\n0000", "luv"),
         (b"#?RADIANCE\n\n-Y 64 +X 128\n\2\2\0\x80abc", "cut short"),
         (b"#?RADIANCE\n\n+X 128 -Y 64\n", "rows do not run"),
         (b"#?RADIANCE\n", "rows do not run"),

@@ -1,5 +1,8 @@
 """Textures of glTF: the picture of each kind, where it lies, and one warning about what cannot be decoded."""
 
+import struct
+import zlib
+
 import numpy as np
 import pytest
 from PIL import Image
@@ -67,6 +70,29 @@ def test_pictures_of_16_bits_keep_their_light(tmp_path):
     path = write_square(tmp_path / "a.glb", textured(), [packed(DEEP)], [{"source": 0}])
     grey = linear_from_srgb(DEEP.reshape(4, 1) / np.float32(65535.0))
     np.testing.assert_allclose(colors(path), np.repeat(grey, 3, axis=1), rtol=1e-6)
+
+
+def deep_png(pixels):
+    """The bytes of a PNG of 16 bits, (H, W, C) uint16 with 1 to 4 channels, written out by hand."""
+    height, width, channels = pixels.shape
+    rows = b"".join(b"\0" + row.astype(">u2").tobytes() for row in pixels)
+    kind = {1: 0, 2: 4, 3: 2, 4: 6}[channels]
+    chunks = [(b"IHDR", struct.pack(">IIBBBBB", width, height, 16, kind, 0, 0, 0)), (b"IDAT", zlib.compress(rows))]
+    found = b"\x89PNG\r\n\x1a\n"
+    for name, data in [*chunks, (b"IEND", b"")]:
+        found += struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
+    return found
+
+
+@pytest.mark.parametrize("channels", [1, 2, 3, 4])
+def test_pictures_of_16_bits_of_every_kind_show_what_those_of_8_bits_do(tmp_path, channels):
+    small = np.random.default_rng(0).integers(0, 256, (2, 2, channels)).astype(np.uint16)
+    path = write_square(tmp_path / "a.glb", textured(), [deep_png(small * 257)], [{"source": 0}])
+    shown = small[..., :3] if channels > 2 else np.repeat(small[..., :1], 3, axis=2)
+    expected = linear_from_srgb(shown.reshape(4, 3) / np.float32(255.0))
+    np.testing.assert_allclose(colors(path), expected, rtol=1e-6)
+    alpha = small[..., -1].ravel() / 255.0 if channels in (2, 4) else np.ones(4)
+    np.testing.assert_allclose(read(path)[0].alpha(MIDDLES), alpha, atol=1e-6)
 
 
 @pytest.mark.parametrize(
