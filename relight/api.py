@@ -91,7 +91,7 @@ class RelitScene:
         try:
             import pyvista
         except ImportError:
-            raise InputError('it needs PyVista: pip install "splat2mesh[view]"') from None
+            raise InputError("it needs PyVista: pip install pyvista") from None
         drawn = Drawn(self.scene)
         shown = drawn.scene
         faces = np.empty((len(shown.faces), 4), np.int64)

@@ -13,6 +13,7 @@ from splat2mesh.base.inputs import reading
 from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
 from splat2mesh.scene.gltf import MODES, TRIANGLES, GltfData, entry, triangles, warn_skipped
 from splat2mesh.scene.gltfnodes import global_matrices, hierarchy, initial_transforms, instances
+from splat2mesh.scene.gltftextures import Textures
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene
 
@@ -36,8 +37,10 @@ class Animation:
         Raises InputError for a file that is broken, has no triangles or no animation, or lacks the requested one.
         """
         self._data = GltfData(path)
+        self._textures = Textures(self._data)
         with reading(self._data.path):
             self._read(animation)
+        self._textures.warn_lost()
 
     def _read(self, animation: str | int | None) -> None:
         document = self._data.document
@@ -178,7 +181,7 @@ class Animation:
         weights = np.array(self._data.node_weights[index] or mesh.weights or [0.0] * len(targets), np.float64)
         joints, joint_weights = (None, None) if node.skin is None else self._influences(attributes, node, count, what)
         skin = None if joints is None else node.skin
-        colors = self._colors(attributes, count, what)
+        colors = self._colors(primitive, count, what)
         morphs = vertex_targets, normal_targets, weights
         return AnimatedPart(index, vertices, normals, faces, colors, *morphs, skin, joints, joint_weights)
 
@@ -217,14 +220,17 @@ class Animation:
         joints[weights == 0] = 0
         return joints, np.ascontiguousarray(weights, np.float32)
 
-    def _colors(self, attributes: Any, count: int, what: str) -> ColorsSrgb:
-        """(V, 3) uint8 sRGB, white without colours."""
-        if getattr(attributes, "COLOR_0", None) is None:
-            return np.full((count, 3), 255, np.uint8)
-        linear = np.asarray(self._data.array(attributes.COLOR_0, what), np.float32)
+    def _colors(self, primitive: Any, count: int, what: str) -> ColorsSrgb:
+        """(V, 3) uint8 sRGB of vertices times the base colour of their material, white without either."""
+        attributes, linear = primitive.attributes, np.ones((count, 3), np.float32)
+        if attributes.COLOR_0 is not None:
+            linear = np.asarray(self._data.array(attributes.COLOR_0, what), np.float32)
         if linear.ndim != 2 or len(linear) != count or linear.shape[1] not in (3, 4):
             raise InputError(f"{self._data.path}: {what} has colours of shape {linear.shape} for {count} vertices")
-        return bytes_from_unit(srgb_from_linear(np.clip(linear[:, :3], 0.0, 1.0)))
+        names = [name for name in attributes if name.startswith("TEXCOORD_")]
+        held = {name: self._data.array(attributes[name], what) for name in names}
+        painted = np.clip(linear[:, :3], 0.0, 1.0) * self._textures.base_colors(primitive.material, held)
+        return bytes_from_unit(srgb_from_linear(painted))
 
 
 @dataclass(frozen=True)

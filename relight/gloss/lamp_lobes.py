@@ -59,7 +59,7 @@ def brightest(emitters: Emitters, points: NDArray[np.float64]) -> NDArray[np.int
 
 
 def tube_rule() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Nodes and weights along a tube, from 0 to 1, as `unoccluded` takes them."""
+    """Nodes and weights across a tube, from 0 to 1, as `unoccluded` takes them."""
     nodes, weights = np.polynomial.legendre.leggauss(TUBE_NODES)
     return (nodes + 1.0) / 2.0, weights / 2.0
 

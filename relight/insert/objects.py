@@ -95,8 +95,9 @@ def read_object(asked: AskedInsert) -> InsertedObject:
     source = asked.source
     if isinstance(source, Mesh):
         return InsertedObject(asked.name, [_fine(_of_mesh(source, asked), tint)])
-    mesh = read_mesh(source)  # checks the file
-    if Path(source).suffix.lower() not in (".glb", ".gltf"):
+    packed = Path(source).suffix.lower() in (".glb", ".gltf")
+    mesh = read_mesh(source, painted=not packed)  # checks the file
+    if not packed:
         return InsertedObject(asked.name, [_fine(_of_mesh(mesh, asked), tint)])
     data = GltfData(os.fspath(source))
     textures = Textures(data)

@@ -3,8 +3,8 @@
 All is exit radiance of a white surface, irradiance over pi, for an emitter of radiance 1.
 Sources: a sphere, cut by the horizon or not: Snyder, "Area light sources for real-time graphics", 1996. A polygon:
 Lambert's formula, after clipping at the horizon (Arvo, "Analytic methods for simulated light transport", 1995). A tube:
-equiangular points along its axis (Kulla, Fajardo, "Importance sampling techniques for path tracing in participating
-media", 2012).
+the cosine over the strips of its side that face the vertex, above the horizon; in closed form along each strip, by
+Gauss's rule across them.
 """
 
 import math
@@ -14,13 +14,18 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.kernels import kernel
 
+from ..transfer.occluder import MAX_OFFSET
 from .emitters import BALL, TRIANGLE, Emitters
 
 INSIDE = np.float32(1.0)
 """The light of a vertex inside a glowing ball: from all its hemisphere."""
 
 TUBE_NODES = 8
-"""Points along a tube that its light is summed over where nothing hides it."""
+"""Strips of a tube that its light is summed over where nothing hides it; as many on each side of the horizon."""
+
+STAND_OFF = MAX_OFFSET
+"""Part of the scene's diagonal by which shadow rays end before a panel or tube, as they begin off the surface: what a
+lamp is mounted on does not hide it."""
 
 _GOLDEN = 0.6180339887498949
 
@@ -100,36 +105,72 @@ def tube(
     nodes: NDArray,
     weights: NDArray,
 ) -> float:
-    """A cylinder that shines along its side; Gauss's nodes and weights on (0, 1)."""
-    along, near, distance, start, turn = tube_angles(px, py, pz, place, first)
-    if distance <= radius and start < 0.0 < start + turn:  # inside, not on its axis beyond an end
-        return 1.0
+    """A cylinder that shines along its side, above the horizon; Gauss's nodes and weights on (0, 1), across it."""
+    along, toward, aside, near, length, distance = tube_view(px, py, pz, place, first)
+    if distance <= radius:  # inside, or on its axis beyond an end
+        return 1.0 if 0.0 < near < length else 0.0
+    n1 = nx * toward[0] + ny * toward[1] + nz * toward[2]
+    n2 = nx * aside[0] + ny * aside[1] + nz * aside[2]
+    n3 = nx * along[0] + ny * along[1] + nz * along[2]
+    # The sine of the angle across is `part` times that of another, in which the depth of the side is smooth.
+    part = radius / distance
+    ends = (-0.5 * math.pi, 0.5 * math.pi, 0.5 * math.pi)
+    if n1 * n1 < part * part * (n1 * n1 + n2 * n2):  # the horizon crosses it
+        sine = -math.copysign(1.0, n2) * n1 / math.sqrt(n1 * n1 + n2 * n2)
+        ends = (-0.5 * math.pi, math.asin(sine / part), 0.5 * math.pi)
     total = 0.0
-    for k in range(len(nodes)):
-        angle = start + turn * nodes[k]
-        t = near + distance * math.tan(angle)
-        dx = place[0] + along[0] * t - px
-        dy = place[1] + along[1] * t - py
-        dz = place[2] + along[2] * t - pz
-        length = math.sqrt(dx * dx + dy * dy + dz * dz)
-        total += weights[k] * max((dx * nx + dy * ny + dz * nz) / length, 0.0) * math.cos(angle)
-    return 2.0 * radius / distance * turn * total / math.pi
+    for piece in range(2):
+        start, turn = ends[piece], ends[piece + 1] - ends[piece]
+        if turn <= 0.0:
+            continue
+        for k in range(len(nodes)):
+            angle = start + turn * nodes[k]
+            sine = part * math.sin(angle)
+            cosine = math.sqrt(1.0 - sine * sine)
+            depth = max(distance * cosine - radius * math.cos(angle), 1e-12)
+            found = _strip(n1 * cosine + n2 * sine, n3, math.atan(-near / depth), math.atan((length - near) / depth))
+            total += weights[k] * turn * part * math.cos(angle) / cosine * found
+    return total / math.pi
 
 
 @kernel
-def tube_angles(
+def _strip(across: float, along: float, low: float, high: float) -> float:
+    """The integral of the cosine to the normal over a strip of unit width along a tube, above the horizon.
+
+    across, along: the normal's parts across the tube, where the strip is, and along it. low, high: the angles along the
+    tube at which the strip begins and ends.
+    """
+    middle = math.atan2(along, across)
+    low, high = max(low, middle - 0.5 * math.pi), min(high, middle + 0.5 * math.pi)
+    if high <= low:
+        return 0.0
+    sine, other = math.sin(high), math.sin(low)
+    found = across * (high - low + sine * math.cos(high) - other * math.cos(low))
+    return 0.5 * max(found + along * (sine * sine - other * other), 0.0)
+
+
+@kernel
+def tube_view(
     px: float, py: float, pz: float, place: NDArray, first: NDArray
-) -> tuple[tuple[float, float, float], float, float, float, float]:
-    """Of a tube as a point sees it: its unit direction, where along it the point is nearest, how far off, and the
-    angle at which it begins and that it spans."""
+) -> tuple[
+    tuple[float, float, float],
+    tuple[float, float, float],
+    tuple[float, float, float],
+    float,
+    float,
+    float,
+]:
+    """Of a tube as a point sees it: the unit directions along its axis, towards that and aside; where along it the
+    point is nearest, how long it is, and how far off its axis is."""
     length = math.sqrt(first[0] ** 2 + first[1] ** 2 + first[2] ** 2)
-    along = (first[0] / length, first[1] / length, first[2] / length)
+    ax, ay, az = first[0] / length, first[1] / length, first[2] / length
     wx, wy, wz = px - place[0], py - place[1], pz - place[2]
-    near = wx * along[0] + wy * along[1] + wz * along[2]
-    square = wx * wx + wy * wy + wz * wz - near * near
-    distance = math.sqrt(max(square, 1e-14))
-    start = math.atan(-near / distance)
-    return along, near, distance, start, math.atan((length - near) / distance) - start
+    near = wx * ax + wy * ay + wz * az
+    tx, ty, tz = near * ax - wx, near * ay - wy, near * az - wz
+    distance = max(math.sqrt(tx * tx + ty * ty + tz * tz), 1e-12)
+    tx, ty, tz = tx / distance, ty / distance, tz / distance
+    aside = (ay * tz - az * ty, az * tx - ax * tz, ax * ty - ay * tx)
+    return (ax, ay, az), (tx, ty, tz), aside, near, length, distance
 
 
 @kernel
@@ -263,18 +304,27 @@ def aimed(
         facing = abs(facing) if emitters.two_sided[e] else max(facing, 0.0)
         cosine = max((x * nx + y * ny + z * nz) / length, 0.0)
         weight = ((1.0 - leaf) * cosine + leaf * 0.25) * 0.5 * facing / (square * math.pi) / samples
-        return x, y, z, min(weight, 1.0)
-    along, near, distance, start, span = tube_angles(px, py, pz, emitters.place[e], emitters.first[e])
-    radius = min(np.float64(emitters.radius[e]), distance)
-    angle = start + span * u
-    t = near + distance * math.tan(angle)
-    x, y, z = x + along[0] * t, y + along[1] * t, z + along[2] * t
-    length = max(math.sqrt(x * x + y * y + z * z), 1e-12)
-    cosine = max((x * nx + y * ny + z * nz) / length, 0.0)
-    weight = (
-        ((1.0 - leaf) * cosine + leaf * 0.25) * math.cos(angle) * 2.0 * radius / distance * span / math.pi / samples
-    )
-    # Across, on the strip that faces the vertex.
-    sx, sy, sz = along[1] * z - along[2] * y, along[2] * x - along[0] * z, along[0] * y - along[1] * x
-    across = radius * (2.0 * v - 1.0) / max(math.sqrt(sx * sx + sy * sy + sz * sz), 1e-12)
-    return x + across * sx, y + across * sy, z + across * sz, weight
+        area = math.sqrt(mx * mx + my * my + mz * mz)
+        height = -(x * mx + y * my + z * mz) / area
+        off = math.copysign(min(STAND_OFF, 0.5 * abs(height)), height) / area
+        return x + off * mx, y + off * my, z + off * mz, min(weight, 1.0)
+    along, toward, aside, near, length, distance = tube_view(px, py, pz, emitters.place[e], emitters.first[e])
+    radius = np.float64(emitters.radius[e])
+    if distance <= radius:
+        return 0.0, 0.0, 0.0, (1.0 - leaf + leaf * 0.25) / samples if 0.0 < near < length else 0.0
+    # Across, on the side that faces the vertex; then along the strip that is seen there.
+    most = math.asin(radius / distance)
+    angle = most * (2.0 * v - 1.0)
+    c, s = math.cos(angle), math.sin(angle)
+    depth = max(distance * c - math.sqrt(max(radius * radius - (distance * s) ** 2, 0.0)), 1e-12)
+    start = math.atan(-near / depth)
+    span = math.atan((length - near) / depth) - start
+    rise = math.tan(start + span * u)
+    x = c * toward[0] + s * aside[0] + rise * along[0]
+    y = c * toward[1] + s * aside[1] + rise * along[1]
+    z = c * toward[2] + s * aside[2] + rise * along[2]
+    flat = 1.0 / math.sqrt(1.0 + rise * rise)
+    cosine = max((x * nx + y * ny + z * nz) * flat, 0.0)
+    weight = ((1.0 - leaf) * cosine + leaf * 0.25) * flat * 2.0 * most * span / math.pi / samples
+    depth -= min(STAND_OFF, 0.5 * depth)
+    return x * depth, y * depth, z * depth, weight

@@ -196,14 +196,13 @@ class Choice:
         return rows
 
     def _shadows(self, skip: float) -> tuple[Mask, float]:
-        """Which chunks trace rays, (C,) bool, and the error of the others: those that cost most and lose least."""
-        errors, sizes = self.measured.shadows, self.measured.sample.sizes
-        shadowed = np.ones(len(errors), bool)
+        """Which chunks trace rays, (C,) bool, and the error of the others; all if none must and the method is to."""
+        shadowed = np.ones(len(self.measured.shadows), bool)
         if self._effects is None and self._method in (None, "raytraced"):
-            order = np.argsort(np.square(errors) / sizes, kind="stable")
-            lost = np.sqrt(np.cumsum(np.square(errors[order])))
-            shadowed[order[lost <= skip]] = False
-        return shadowed, float(np.linalg.norm(errors[~shadowed]))
+            shadowed = ~self.measured.unshadowed(skip)
+            if self._method is not None and not shadowed.any():
+                shadowed[:] = True
+        return shadowed, float(np.linalg.norm(self.measured.shadows[~shadowed]))
 
     def _all(self) -> Iterator[Candidate]:
         yield from (self._rated(settings) for settings in self._analytic())

@@ -83,6 +83,18 @@ class EffectErrors:
         share = np.sqrt(self.sample.sizes / self.sample.sizes.sum())
         return np.maximum(found, self.sample.hidden * share * self._ambience)
 
+    def unshadowed(self, skip: float) -> Mask:
+        """(C,) bool: the chunks that cost most and lose least without shadows, which together lose at most `skip`.
+
+        Chunks without vertices follow the others.
+        """
+        errors, sizes = self.shadows, self.sample.sizes
+        order = np.argsort(np.square(errors) / np.maximum(sizes, 1), kind="stable")
+        skipped = np.zeros(len(errors), bool)
+        skipped[order] = np.sqrt(np.cumsum(np.square(errors[order]))) <= skip
+        skipped[sizes == 0] = skipped[sizes > 0].all()
+        return skipped
+
     def truncation(self, bands: int, level: int | None = None, image: Radiance | None = None) -> float:
         """Error of keeping only so many bands: of all the light, of the rest below LEVELS[level], or of an `image` of
         the rest."""

@@ -81,16 +81,25 @@ class Plan:
         wish = f"tolerance {self.tolerance:g}" if self.budget_s is None else f"budget {self.budget_s:g} s"
         lines = [f"plan for {wish}: {self.settings}", f"  {'effect':<15}{'error without':>14}  decision"]
         for effect, error, decision in self.contributions:
-            without = "-" if error is None else f"{error:.2%}"
+            without = "-" if error is None else percent(error)
             lines.append(f"  {effect:<15}{without:>14}  {decision}")
-        checked = "" if self.checked is None else f", {self.checked:.2%} checked on the sample"
-        lines.append(f"  predicted: error {self.error:.2%}{checked}; {self.seconds:.2f} s")
+        checked = "" if self.checked is None else f", {percent(self.checked)} checked on the sample"
+        lines.append(f"  predicted: error {percent(self.error)}{checked}; {self.seconds:.2f} s")
         lines.append(f"  measured on {self.vertices} vertices and {self.rays:,} rays in {self.planning_s:.2f} s")
         lines += ["accuracy against time", f"  {'seconds':>9}{'error':>9}"]
         for seconds, error, settings in _thinned(self.curve, 14):
             mark = " <" if settings == self.settings else ""
-            lines.append(f"  {seconds:9.3f}{error:9.2%}  {settings}{mark}")
+            lines.append(f"  {seconds:9.3f}{percent(error):>9}  {settings}{mark}")
         return lines
+
+
+MOST_SHOWN = 10.0
+"""Error from which on a table gives no figure: in the dark, where any light is an error, it says how dark that is."""
+
+
+def percent(error: float) -> str:
+    """An error as tables show it: "1.25%", "> 1000%"."""
+    return f"{error:.2%}" if error < MOST_SHOWN else f"> {MOST_SHOWN:.0%}"
 
 
 _KEYS = {"sun_tolerance": "suns", "bounce_tolerance": "bounces"}

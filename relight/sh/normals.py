@@ -6,9 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from splat2mesh.base.errors import DataWarning
-
-DEGENERATE_LENGTH = 1e-6
-"""A normal shorter than this (files store them with length 1) carries no direction."""
+from splat2mesh.scene.mesh import without_direction
 
 
 def unit_normals(normals: ArrayLike) -> NDArray[np.float32]:
@@ -22,14 +20,14 @@ def unit_normals(normals: ArrayLike) -> NDArray[np.float32]:
     Returns
     -------
     ndarray of float32, (V, 3)
-        Unit vectors. A degenerate normal (shorter than DEGENERATE_LENGTH, or not finite) becomes +y, as in Neural-GASh;
-        one DataWarning says how many did.
+        Unit vectors. A degenerate normal (`without_direction`) becomes +y, as in Neural-GASh; one DataWarning says how
+        many did.
     """
     normals = np.asarray(normals, np.float64)
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     with np.errstate(divide="ignore", invalid="ignore"):
         unit = normals / length
-    valid = np.isfinite(length) & (length > DEGENERATE_LENGTH)
+    valid = ~without_direction(normals)[:, None]
     if not valid.all():
         message = f"{np.sum(~valid)} of {len(valid)} vertices have no normal: lit as if they faced up"
         warnings.warn(message, DataWarning, stacklevel=3)

@@ -31,7 +31,7 @@ IDLE_SECONDS = 0.005  # between two polls of mouse and worker
 FRAMES_AVERAGED = 12
 RESTING_OBJECT_SAMPLES = 2  # along the side of a pixel
 
-_MISSING = 'the session needs PyVista: pip install "splat2mesh[view]"'
+_MISSING = "the session needs PyVista: pip install pyvista"
 _NO_DISPLAY = "no display: save a picture by `screenshot`, or start it in a notebook"
 
 

@@ -1,4 +1,4 @@
-"""Optional packages: extras of the installation provide them, and they are imported where they are used."""
+"""Packages that are imported where they are used: those that extras bring, and heavy ones."""
 
 import importlib
 from importlib.util import find_spec
@@ -7,19 +7,17 @@ from types import ModuleType
 from .errors import InputError
 
 EXTRAS = {
-    "onnxruntime": "networks",
-    "pyvista": "view",
     "imageio_ffmpeg": "film",
     "distributed": "cluster",
     "fsspec": "cluster",
     "manifold3d": "proxy",
     "coacd": "proxy",
 }
-"""Package -> the extra of pyproject.toml that brings it."""
+"""Package -> the extra of pyproject.toml that brings it; others come with the packages themselves."""
 
 
 def needed(
-    package: str,  # a key of EXTRAS
+    package: str,  # its name, of EXTRAS or a dependency
     purpose: str,  # what it is for, as the beginning of a sentence
 ) -> ModuleType:
     """The imported package. Raises InputError, with the command that installs it, where it is missing."""
@@ -28,7 +26,7 @@ def needed(
     except ModuleNotFoundError as error:
         if error.name != package:  # the package is there, and something that it needs is not
             raise
-        command = f'pip install "splat2mesh[{EXTRAS[package]}]"'
+        command = f'pip install "splat2mesh[{EXTRAS[package]}]"' if package in EXTRAS else f"pip install {package}"
         raise InputError(f"{purpose} needs {package}, which is not installed: {command}") from None
 
 

@@ -1,14 +1,18 @@
 """Meshes of other libraries as scenes: trimesh, open3d and PyVista, distinguished without importing any of them."""
 
 import os
+import warnings
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.errors import InputError
+from ..base.errors import DataWarning, InputError
+from .color import srgb_from_linear
 from .mesh import Mesh, vertex_normals
 from .scene import Scene
+from .surfaces import FAR, centred, check_corners, frame_from_own, too_far
 
 if TYPE_CHECKING:
     import open3d
@@ -43,13 +47,19 @@ def as_scene(source: AnyScene) -> Scene:
     ------
     InputError
         For anything else and for meshes that cannot be lit.
+
+    Warns
+    -----
+    DataWarning
+        About a mesh that was moved to the origin, where float32 would lose it, with what it has lost already; about
+        colours that are not read.
     """
     if isinstance(source, Scene):
         return source
     if isinstance(source, (str, os.PathLike)):
         return Scene.load(source)
     if isinstance(source, Mesh):
-        return Scene([source])
+        return _near(np.asarray(source.vertices), source)
     library = type(source).__module__.partition(".")[0]
     if library == "trimesh":
         return _scene(*_of_trimesh(source))
@@ -74,10 +84,30 @@ def _scene(vertices: Any, faces: Any, normals: Any, colors: Any) -> Scene:
         raise InputError(f"{bad} of {len(vertices)} vertices are not finite; repair the mesh first")
     if faces.min() < 0 or faces.max() >= len(vertices):
         raise InputError(f"a face names a vertex beyond the {len(vertices)} there are")
-    vertices, faces = vertices.astype(np.float32), faces.astype(np.int32)
+    faces = faces.astype(np.int32)
     if normals is None or np.shape(normals) != vertices.shape:
         normals = vertex_normals(vertices, faces)
-    return Scene([Mesh(vertices, np.asarray(normals, np.float32), faces, _color_bytes(colors, len(vertices)))])
+    colors_srgb = _color_bytes(colors, len(vertices))
+    return _near(vertices, Mesh(vertices.astype(np.float32), np.asarray(normals, np.float32), faces, colors_srgb))
+
+
+def _near(vertices: NDArray[Any], mesh: Mesh) -> Scene:
+    """The Scene of a mesh with vertices (V, 3) as they came, at the origin where float32 would lose it."""
+    if vertices.ndim != 2 or vertices.shape[1] != 3:
+        return Scene([mesh])  # which is refused where it is lit
+    points, moved = centred(vertices.astype(np.float64))
+    if moved is None:
+        return Scene([mesh])
+    check_corners(mesh.faces, len(points), "a mesh")
+    stored = vertices if vertices.dtype.kind == "f" else points
+    lost, rounding = "", float(np.spacing(np.nanmax(np.abs(stored))))
+    edges = points[mesh.faces] - points[np.roll(mesh.faces, 1, axis=1)]
+    edge = float(np.median(np.linalg.norm(edges, axis=2))) if len(edges) else 0.0
+    if rounding > FAR * edge:
+        part = f", {rounding / edge:.1%} of its median edge" if edge > 0.0 else ""
+        lost = f". It came rounded to {rounding:.3g}{part}: make it of float64, or near the origin"
+    warnings.warn(f"a mesh: {too_far(moved)}{lost}", DataWarning, stacklevel=4)
+    return Scene([replace(mesh, vertices=points.astype(np.float32))], scene_from_splat=frame_from_own(moved))
 
 
 def _color_bytes(colors: Any, count: int) -> NDArray[np.uint8]:
@@ -96,13 +126,32 @@ def _of_trimesh(mesh: Any) -> tuple[Any, Any, Any, Any]:
     if not hasattr(mesh, "faces"):
         raise InputError(f"expected a triangle mesh, found a trimesh.{type(mesh).__name__} without faces")
     visual: Any = getattr(mesh, "visual", None)
-    painted = getattr(visual, "kind", None) == "vertex"
-    return mesh.vertices, mesh.faces, mesh.vertex_normals, visual.vertex_colors if painted else None
+    kind, colors = getattr(visual, "kind", None), None
+    if kind == "texture":
+        colors = _of_trimesh_material(visual, len(mesh.vertices))
+    elif kind is not None:
+        colors = visual.vertex_colors
+    return mesh.vertices, mesh.faces, mesh.vertex_normals, colors
+
+
+def _of_trimesh_material(visual: Any, count: int) -> Any:
+    """(V, 3 or 4) sRGB of a trimesh TextureVisuals: its picture where it has one, else its factor, else None."""
+    material = visual.material
+    pictures = (getattr(material, name, None) for name in ("baseColorTexture", "image"))
+    if visual.uv is not None and any(each is not None for each in pictures):
+        return visual.to_color().vertex_colors
+    factor = getattr(material, "baseColorFactor", None)
+    if factor is not None:  # linear, as in glTF
+        return np.tile(srgb_from_linear(np.asarray(factor, np.float64)[:3] / 255.0), (count, 1))
+    plain = getattr(material, "diffuse", None)
+    return None if plain is None else np.tile(np.asarray(plain)[:3], (count, 1))
 
 
 def _of_open3d(mesh: Any) -> tuple[Any, Any, Any, Any]:
     if not hasattr(mesh, "triangles"):
         raise InputError(f"expected a triangle mesh, found an open3d {type(mesh).__name__}")
+    if not mesh.has_vertex_colors() and mesh.has_textures():
+        warnings.warn("an open3d mesh: its textures are not read; save it as .glb", DataWarning, stacklevel=3)
     normals = mesh.vertex_normals if mesh.has_vertex_normals() else None
     return mesh.vertices, mesh.triangles, normals, mesh.vertex_colors if mesh.has_vertex_colors() else None
 

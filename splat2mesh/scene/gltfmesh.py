@@ -16,6 +16,7 @@ from ..base.inputs import reading
 from .color import srgb_from_linear
 from .gltf import FREE_CORNERS, MODES, TRIANGLES, GltfData, entry, triangles, warn_skipped
 from .gltfnodes import global_matrices, hierarchy, initial_transforms, instances
+from .gltftextures import Textures
 from .surfaces import UncheckedMesh, centred, joined
 
 
@@ -31,12 +32,14 @@ class Piece(NamedTuple):
     node: int = -1
 
 
-def read_gltf(path: str | os.PathLike[str]) -> UncheckedMesh:
+def read_gltf(path: str | os.PathLike[str], painted: bool = True) -> UncheckedMesh:
     """Read the triangles of a .glb or .gltf at rest.
 
     Parameters
     ----------
     path : path
+    painted : bool
+        Whether vertices take the base colours of materials, beside their own.
 
     Returns
     -------
@@ -50,14 +53,18 @@ def read_gltf(path: str | os.PathLike[str]) -> UncheckedMesh:
     Warns
     -----
     DataWarning
-        With the number of points and lines, which are left out.
+        With the number of points and lines, which are left out, and of textures that cannot be read.
     """
     data = GltfData(os.fspath(path))
+    textures = Textures(data) if painted else None
     with reading(path):
-        return _joined_pieces(placed_pieces(data), _materials(data))
+        found = _joined_pieces(placed_pieces(data), _materials(data), textures)
+    if textures is not None:
+        textures.warn_lost()
+    return found
 
 
-def _joined_pieces(pieces: list[Piece], materials: list[int | None]) -> UncheckedMesh:
+def _joined_pieces(pieces: list[Piece], materials: list[int | None], textures: Textures | None) -> UncheckedMesh:
     points, faces, normals, colors, first = [], [], [], [], 0
     every, moved = centred(np.concatenate([piece.points for piece in pieces]))
     ends = np.cumsum([len(piece.points) for piece in pieces])
@@ -66,7 +73,7 @@ def _joined_pieces(pieces: list[Piece], materials: list[int | None]) -> Unchecke
     for piece in pieces:
         groups.setdefault((materials.index(piece.material), _kind(piece.held)), []).append(piece)
     named = all("NORMAL" in piece.held for piece in pieces)
-    painted = any("COLOR_0" in piece.held for piece in pieces)
+    painted = textures is not None or any("COLOR_0" in piece.held for piece in pieces)
     for key in sorted(groups):
         group = groups[key]
         starts = np.cumsum([0, *(len(piece.points) for piece in group)])
@@ -83,6 +90,9 @@ def _joined_pieces(pieces: list[Piece], materials: list[int | None]) -> Unchecke
             normals.append(held["NORMAL"][row])
         if painted:
             color = held["COLOR_0"][row, :3] if "COLOR_0" in held else np.ones((len(row), 3))
+            if textures is not None:
+                kept = {name: values[row] for name, values in held.items()}
+                color = np.clip(color, 0.0, 1.0) * textures.base_colors(materials[key[0]], kept)
             colors.append(srgb_from_linear(np.clip(color, 0.0, 1.0)))
         first += len(row)
     return UncheckedMesh(

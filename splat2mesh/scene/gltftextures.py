@@ -18,7 +18,7 @@ from .color import linear_from_srgb
 from .gltf import GltfData, entry
 
 MOST_TEXELS = 1 << 26
-"""Most texels of all pictures of a file together: four of 4,096 x 4,096."""
+"""Most texels of a picture, and of those of a file that are kept at a time: four of 4,096 x 4,096."""
 
 READABLE = "PNG", "JPEG", "WEBP", "BMP", "GIF"
 """Kinds of pictures that are decoded; a library that opens any would run other programs for some."""
@@ -142,6 +142,16 @@ class Textures:
             return MappedTexture(pixels, np.zeros((len(uv), 2)), (0, 0), False)
         return None
 
+    def base_colors(self, number: int | None, held: dict[str, NDArray]) -> NDArray[np.float32]:
+        """(V, 3) or (3,) float32 linear base colour of a material, by its number or None, on vertices that hold
+        attributes: its factor times its texture at each."""
+        if number is None:
+            return np.ones(3, np.float32)
+        factor, info = base_color(entry(self._data.document.materials, number))
+        plain = np.clip(np.asarray(factor[:3], np.float32), 0.0, 1.0)
+        on = info and self.on(info, held)
+        return plain * on.color(on.uv) if on else plain
+
     def encoded(self, index: int) -> bytes:
         """The picture of a texture as PNG or JPEG, which every program reads. Raises InputError for none."""
         from PIL import Image
@@ -167,26 +177,36 @@ class Textures:
     def _picture(self, source: int) -> NDArray[Any] | None:
         """(H, W, 4) uint8 or uint16 of an image, or None where it is of another kind."""
         if source not in self._pictures:
-            known = (each for each in self._pictures.values() if each is not None)
-            room = MOST_TEXELS - sum(each.shape[0] * each.shape[1] for each in known)
-            content = self._data.encoded(entry(self._data.document.images, source))
-            self._pictures[source] = _decoded(content, room, self._data.path)
+            try:
+                content = self._data.encoded(entry(self._data.document.images, source))
+            except InputError:  # its file is not there
+                content = b""
+            found = decoded(content, MOST_TEXELS, self._data.path)
+            texels = 0 if found is None else found.shape[0] * found.shape[1]
+            for name, old in reversed(list(self._pictures.items())):  # what is dropped is decoded again if need be
+                texels += 0 if old is None else old.shape[0] * old.shape[1]
+                if texels > MOST_TEXELS:
+                    del self._pictures[name]
+            self._pictures[source] = found
         return self._pictures[source]
 
 
-def _decoded(content: bytes, room: int, path: Any) -> NDArray[Any] | None:
-    from PIL import Image, UnidentifiedImageError
+def decoded(content: bytes, room: int, path: Any) -> NDArray[Any] | None:
+    """(H, W, 4) uint8 or uint16 of a picture, None where it cannot be decoded. Raises InputError for more texels than
+    there is room for. path: of the file that it is of, for the message."""
+    from PIL import Image
 
     try:
-        opened = Image.open(io.BytesIO(content), formats=READABLE)
-    except UnidentifiedImageError:
+        with Image.open(io.BytesIO(content), formats=READABLE) as opened:
+            if opened.width * opened.height > room:
+                raise InputError(f"{path}: its pictures have over {MOST_TEXELS:,} pixels; make them smaller")
+            if not opened.mode.startswith("I"):
+                return np.asarray(opened.convert("RGBA"))
+            grey = np.asarray(opened)[..., None].clip(0, 65535).astype(np.uint16)  # 16 bits: a conversion would clip
+    except (InputError, MemoryError):
+        raise
+    except Exception:  # a dozen types, over what is damaged or of another kind
         return None
-    with opened:
-        if opened.width * opened.height > room:
-            raise InputError(f"{path}: its pictures have over {MOST_TEXELS:,} pixels; make them smaller")
-        if not opened.mode.startswith("I"):
-            return np.asarray(opened.convert("RGBA"))
-        grey = np.asarray(opened)[..., None].clip(0, 65535).astype(np.uint16)  # 16 bits, which a conversion would clip
     return np.concatenate([grey, grey, grey, np.full_like(grey, 65535)], axis=2)
 
 

@@ -7,6 +7,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..base.meshlibrary import open3d
 
+DEGENERATE_LENGTH = 1e-6
+"""A normal shorter than this (files store them with length 1) carries no direction."""
+
 
 @dataclass(frozen=True)
 class Mesh:
@@ -52,6 +55,45 @@ def vertex_normals(points: ArrayLike, faces: ArrayLike) -> NDArray[np.float32]:
     if len(without):
         normals[without] = _of_largest_face(np.asarray(points, np.float64), np.asarray(faces), without)
     return normals
+
+
+def without_direction(normals: NDArray) -> NDArray[np.bool_]:
+    """Return which normals are missing: too short for a direction, or not finite.
+
+    Parameters
+    ----------
+    normals : ndarray, (V, 3)
+
+    Returns
+    -------
+    ndarray of bool, (V,)
+    """
+    with np.errstate(invalid="ignore", over="ignore"):
+        length = np.linalg.norm(np.asarray(normals, np.float64), axis=1)
+    return ~(np.isfinite(length) & (length > DEGENERATE_LENGTH))
+
+
+def known_normals(mesh: Mesh) -> NDArray[np.float32]:
+    """Return the normals of a Mesh; those that are missing from the faces around.
+
+    Parameters
+    ----------
+    mesh : Mesh
+
+    Returns
+    -------
+    ndarray, (V, 3)
+        Still missing at vertices without faces; as they are where the arrays make no mesh.
+    """
+    normals, faces, count = np.asarray(mesh.normals), np.asarray(mesh.faces), len(mesh.vertices)
+    if normals.shape != (count, 3) or not len(faces) or faces.min() < 0 or faces.max() >= count:
+        return mesh.normals
+    missing = without_direction(normals)
+    if not missing.any():
+        return mesh.normals
+    used = np.zeros(count, bool)
+    used[faces] = True
+    return np.where((missing & used)[:, None], vertex_normals(mesh.vertices, faces), normals)
 
 
 def _of_largest_face(points: NDArray, faces: NDArray, chosen: NDArray) -> NDArray:

@@ -7,7 +7,6 @@ import os
 import warnings
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,13 +14,13 @@ from numpy.typing import NDArray
 from ..base.errors import DataWarning, InputError
 from ..base.inputs import file_size, quiet_numbers, reading
 from .gltfmesh import read_gltf
-from .mesh import Mesh, vertex_normals
+from .mesh import Mesh, vertex_normals, without_direction
 from .objmesh import read_obj, read_off
 from .plymesh import read_ply
 from .stlmesh import read_stl
-from .surfaces import UncheckedMesh, centred, check_corners
+from .surfaces import UncheckedMesh, centred, check_corners, too_far
 
-READERS: dict[str, Callable[[Path], UncheckedMesh]] = {
+READERS: dict[str, Callable[..., UncheckedMesh]] = {
     ".ply": read_ply,
     ".obj": read_obj,
     ".glb": read_gltf,
@@ -30,6 +29,9 @@ READERS: dict[str, Callable[[Path], UncheckedMesh]] = {
     ".off": read_off,
 }
 READABLE_SUFFIXES = tuple(READERS)
+
+WITH_MATERIALS = (".obj", ".glb", ".gltf")
+"""Kinds whose materials have colours and pictures."""
 
 LARGEST_COORDINATE = 1e15
 """Beyond it squares, cubes and the areas of faces leave float32; the same length is absurd in a splat."""
@@ -41,7 +43,7 @@ LOOKED_AT, INVERTED = 4096, 0.9
 """Faces in the sample, and the share of reversed normals from which on a warning follows."""
 
 
-def read_mesh(path: str | os.PathLike[str], in_place: bool = False) -> Mesh:
+def read_mesh(path: str | os.PathLike[str], in_place: bool = False, painted: bool = True) -> Mesh:
     """Read a mesh file; polygons become triangle fans, missing normals are computed, missing colours are white.
 
     Parameters
@@ -50,6 +52,8 @@ def read_mesh(path: str | os.PathLike[str], in_place: bool = False) -> Mesh:
         Ends in one of `READABLE_SUFFIXES`.
     in_place : bool
         Whether it is a part of something and must not be moved, however small and far from the origin it is.
+    painted : bool
+        Whether vertices take the colours of materials: their factor times their picture at the vertex.
 
     Returns
     -------
@@ -65,7 +69,26 @@ def read_mesh(path: str | os.PathLike[str], in_place: bool = False) -> Mesh:
     Warns
     -----
     DataWarning
-        About what is left out, and about a mesh that was moved to the origin because float32 would lose it where it is.
+        About what is left out, pictures that cannot be read, and about a mesh that was moved to the origin because
+        float32 would lose it where it is.
+    """
+    return read_placed(path, in_place, painted)[0]
+
+
+def read_placed(
+    path: str | os.PathLike[str], in_place: bool = False, painted: bool = True
+) -> tuple[Mesh, NDArray[np.float64] | None]:
+    """Read a mesh file as `read_mesh` does; also what was taken off its points to bring them to the origin.
+
+    Parameters
+    ----------
+    path, in_place, painted
+        As of `read_mesh`.
+
+    Returns
+    -------
+    mesh : Mesh
+    moved : ndarray of float64, (3,), or None
     """
     path = Path(path)
     if not os.path.lexists(path) or path.is_dir():
@@ -75,10 +98,14 @@ def read_mesh(path: str | os.PathLike[str], in_place: bool = False) -> Mesh:
         raise InputError(f"{path}: not a readable mesh file; expected one of {' '.join(READABLE_SUFFIXES)}")
     file_size(path, "mesh file")
     with reading(path), quiet_numbers():
-        return checked_mesh(reader(path), path, in_place)
+        found = reader(path, painted) if path.suffix.lower() in WITH_MATERIALS else reader(path)
+        if found.moved is None and not in_place:
+            points, moved = centred(found.points)
+            found = found._replace(points=points, moved=moved)
+        return checked_mesh(found, path), found.moved
 
 
-def checked_mesh(surface: UncheckedMesh, path: str | os.PathLike[str], in_place: bool = False) -> Mesh:
+def checked_mesh(surface: UncheckedMesh, path: str | os.PathLike[str]) -> Mesh:
     """Check all of a mesh.
 
     Parameters
@@ -86,8 +113,6 @@ def checked_mesh(surface: UncheckedMesh, path: str | os.PathLike[str], in_place:
     surface : UncheckedMesh
     path : path
         Of its file, for messages.
-    in_place : bool
-        As of `read_mesh`.
 
     Returns
     -------
@@ -110,12 +135,8 @@ def checked_mesh(surface: UncheckedMesh, path: str | os.PathLike[str], in_place:
     bad = np.count_nonzero(~np.isfinite(points).all(axis=1))
     if bad:
         raise InputError(f"{path}: {bad} of {len(points)} vertices are not finite; repair the mesh first")
-    if moved is None and not in_place:
-        points, moved = centred(points)
     if moved is not None:
-        shift = ", ".join(f"{-part:.10g}" for part in moved)
-        message = f"{path}: too far from the origin for float32, moved by ({shift})"
-        warnings.warn(message, DataWarning, stacklevel=4)
+        warnings.warn(f"{path}: {too_far(moved)}", DataWarning, stacklevel=5)
     far = np.count_nonzero((np.abs(points) > LARGEST_COORDINATE).any(axis=1))
     if far:
         most = f"{LARGEST_COORDINATE:g}"
@@ -137,7 +158,7 @@ def _normals(given: NDArray | None, vertices: NDArray, faces: NDArray, path: str
     if against > INVERTED:
         message = f"{path}: {against:.0%} of the normals point into the surface: flip them"
         warnings.warn(message, DataWarning, stacklevel=5)
-    missing: Any = ~(np.isfinite(normals).all(axis=1) & normals.any(axis=1))
+    missing = without_direction(normals)
     if missing.any():
         normals = np.where(missing[:, None], vertex_normals(vertices, faces), normals)
     return normals

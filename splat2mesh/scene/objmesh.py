@@ -11,16 +11,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.errors import InputError
-from ..base.inputs import LARGEST_SMALL_FILE, file_size, inside
+from .mtl import Materials
 from .surfaces import UncheckedMesh, centred, fans, joined
 
 
-def read_obj(path: str | os.PathLike[str]) -> UncheckedMesh:
+def read_obj(path: str | os.PathLike[str], painted: bool = True) -> UncheckedMesh:
     """Read an OBJ.
 
     Parameters
     ----------
     path : path
+    painted : bool
+        Whether vertices without colours take those of materials.
 
     Returns
     -------
@@ -30,6 +32,11 @@ def read_obj(path: str | os.PathLike[str]) -> UncheckedMesh:
     ------
     InputError
         For a line that makes no sense and for a corner that names nothing.
+
+    Warns
+    -----
+    DataWarning
+        About materials and pictures that cannot be read.
     """
     path = Path(path)
     parsed = _Parsed(path)
@@ -39,10 +46,20 @@ def read_obj(path: str | os.PathLike[str]) -> UncheckedMesh:
     # A missing texture coordinate or normal is row -1, which no corner of a file can name.
     if len(corners) and ((corners < [0, -1, -1]).any() or (corners >= known).any()):
         raise InputError(f"{path}: a face names a vertex beyond the {known[0]} there are; export it again")
-    mesh = np.repeat(_materials(path, parsed), counts)
+    materials = Materials(path, parsed.libraries if any(parsed.materials) else [])
+    mesh = np.repeat(_by_material(materials, parsed), counts)
     formats = 2 * (corners[:, 2] >= 0) + 4 * (corners[:, 1] >= 0)
     faces = np.repeat(np.arange(len(counts)), counts)
-    return _assembled(path, corners, counts, faces, mesh, formats, places, parsed)
+    # The fourth number of a corner is the look of its material, where that is seen.
+    seen = painted and places[1] is None
+    looks, look = materials.looks(parsed.materials)
+    of_corner = look[np.array(parsed.pieces, np.int64)[faces]] if seen else np.zeros(len(corners), np.int64)
+    corners = np.concatenate([corners, of_corner[:, None]], axis=1)
+    found, row = _assembled(path, corners, counts, faces, mesh, formats, places, parsed)
+    if seen and len(found.points):
+        uv = np.concatenate([_loose(parsed.texels)[:, :2], np.full((1, 2), np.nan)])
+        found = found._replace(colors=materials.colors(looks, row[:, 3], uv[row[:, 1]]))
+    return found
 
 
 def _assembled(
@@ -54,8 +71,8 @@ def _assembled(
     formats: NDArray[np.int64],
     places: tuple[NDArray[np.float64], NDArray[np.float64] | None],
     parsed: "_Parsed",
-) -> UncheckedMesh:
-    """Join the corners of each mesh that hold the same, mesh after mesh."""
+) -> tuple[UncheckedMesh, NDArray[np.int64]]:
+    """Join the corners of each mesh that hold the same, mesh after mesh; and the corner (V, 4) of each vertex."""
     points, colors = places
     points, moved = centred(points)
     texels, normals = (_padded(_loose(rows)) for rows in (parsed.texels, parsed.normals))
@@ -79,17 +96,17 @@ def _assembled(
         own = corners[np.repeat(starts[part], each) + within]
         triples, triple = np.unique(own, axis=0, return_inverse=True)
         held = [points[triples[:, 0]], normals[triples[:, 2]], texels[triples[:, 1]]]
-        held.append(colors[triples[:, 0]] if colors is not None else None)
+        held.append(colors[triples[:, 0]] if colors is not None else triples[:, 3:])
         row, corner = joined(triple.reshape(-1), *held)
         rows.append(triples[row])
         faces.append(fans(corner, each, path) + first)
         first += len(row)
     if not rows:
-        return UncheckedMesh(np.zeros((0, 3)), np.zeros((0, 3), np.int64))
+        return UncheckedMesh(np.zeros((0, 3)), np.zeros((0, 3), np.int64)), corners
     row = np.concatenate(rows)
     named = normals[row[:, 2]] if parsed.normals else None
     colors = colors[row[:, 0]] if colors is not None else None
-    return UncheckedMesh(points[row[:, 0]], np.concatenate(faces), named, colors, moved)
+    return UncheckedMesh(points[row[:, 0]], np.concatenate(faces), named, colors, moved), row
 
 
 class _Parsed:
@@ -203,33 +220,17 @@ class _Parsed:
         return corner
 
 
-def _materials(path: Path, parsed: _Parsed) -> NDArray[np.int64]:
+def _by_material(materials: Materials, parsed: _Parsed) -> NDArray[np.int64]:
     """For each face, the place of its material among those of the libraries, then those that no library has, in the
     order of their use. In a file with larger polygons all count as one."""
     if max(parsed.counts, default=3) > 3 or all(name is None for name in parsed.materials):
         return np.zeros(len(parsed.counts), np.int64)
-    order: dict[str, int] = {}
-    for library in parsed.libraries:
-        for name in _names_in(path, library):
-            order.setdefault(name, len(order))
+    order = {name: number for number, name in enumerate(materials.named)}
     for name in parsed.materials:
         if name is not None:
             order.setdefault(name, len(order))
     number = np.array([0 if name is None else order[name] for name in parsed.materials], np.int64)
     return number[np.array(parsed.pieces, np.int64)]
-
-
-def _names_in(path: Path, library: str) -> list[str]:
-    """Names of the materials of a library beside the file; none where it cannot be read, as it is not needed."""
-    try:
-        file = inside(path.parent, library, path)
-        if file_size(file) > LARGEST_SMALL_FILE:
-            return []
-        lines = file.read_text(encoding="utf-8", errors="replace").splitlines()
-    except (InputError, OSError):
-        return []
-    words = (line.split() for line in lines)
-    return [" ".join(each[1:]) for each in words if each[:1] == ["newmtl"]]
 
 
 def _rows(

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.errors import InputError
+from ..base.errors import DataWarning, InputError
 from ..base.kernels import kernel
 from ..splats.formats.ply import Element, Ply
 from .surfaces import UncheckedMesh, fans
@@ -37,6 +37,11 @@ def read_ply(path: str | os.PathLike[str]) -> UncheckedMesh:
     ------
     InputError
         For one that is damaged, cut short, or no mesh.
+
+    Warns
+    -----
+    DataWarning
+        Of one without colours whose texture is not read.
     """
     ply = Ply.open(path)
     names = ply.elements["vertex"].properties if "vertex" in ply.elements else {}
@@ -54,7 +59,19 @@ def read_ply(path: str | os.PathLike[str]) -> UncheckedMesh:
     normals = columns("nx", "ny", "nz")
     if colors is not None:  # bytes by custom, 0 to 1 where they are not whole numbers
         colors = colors.astype(np.float64) / (1.0 if colors.dtype.kind == "f" else 255.0)
+    else:
+        _warn_of_texture(ply)
     return UncheckedMesh(np.asarray(points, np.float64), fans(corners, counts, path), normals, colors)
+
+
+def _warn_of_texture(ply: Ply) -> None:
+    """Name the picture of a header that has one, as MeshLab writes it: faces hold where they lie in it."""
+    with open(ply.path, "rb") as file:
+        lines = file.read(ply.body).decode("latin-1").splitlines()
+    named = [line.split(maxsplit=2)[2] for line in lines if line.startswith("comment TextureFile ")]
+    if named:
+        message = f"{ply.path}: its texture {named[0][:80]} is not read, so it is white; save it as .obj or .glb"
+        warnings.warn(message, DataWarning, stacklevel=4)
 
 
 def _check(ply: Ply) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

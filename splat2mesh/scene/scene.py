@@ -16,8 +16,9 @@ from .chunks import split
 from .color import linear_from_srgb
 from .folder import bounds_of, read_folder, write_folder
 from .measured import Measured
-from .mesh import Mesh
-from .meshfile import read_mesh
+from .mesh import Mesh, known_normals
+from .meshfile import read_placed
+from .surfaces import frame_from_own
 
 
 @dataclass
@@ -28,7 +29,7 @@ class Scene:
     ----------
     chunks : list of Mesh
     scene_from_splat : ndarray of float64, (4, 4)
-        From the splat file's frame to this one.
+        From the frame of the splat's or the mesh's file to this one.
     preview_camera : dict or None
         eye, target, up ((3,) in the scene frame) and fov_deg.
     source : dict
@@ -127,7 +128,8 @@ class Scene:
         if not os.path.exists(path):
             raise InputError(f"{path}: no such scene folder or mesh file")
         if not path.is_dir():
-            return cls([read_mesh(path)], path=path)
+            mesh, moved = read_placed(path)
+            return cls([mesh], path=path, scene_from_splat=frame_from_own(moved))
         with reading(path):
             chunks, background, kept = read_folder(path)
             return cls(chunks, path=path, background=background, **kept)
@@ -174,8 +176,8 @@ class Scene:
 
     @cached_property
     def normals(self) -> NDArray[np.float32]:
-        """(V, 3), chunk after chunk."""
-        return _read_only(np.concatenate([chunk.normals for chunk in self.chunks]))
+        """(V, 3), chunk after chunk; missing ones from the faces around."""
+        return _read_only(np.concatenate([known_normals(chunk) for chunk in self.chunks]))
 
     @cached_property
     def colors_srgb(self) -> NDArray[np.uint8]:

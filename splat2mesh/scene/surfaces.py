@@ -65,6 +65,39 @@ def centred(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[n
     return points - middle, middle
 
 
+def too_far(moved: NDArray[np.float64]) -> str:
+    """Return what a warning says of a mesh that `centred` moved.
+
+    Parameters
+    ----------
+    moved : ndarray of float64, (3,)
+        What was taken off.
+
+    Returns
+    -------
+    str
+    """
+    shift = ", ".join(f"{-part:.10g}" for part in moved)
+    return f"too far from the origin for float32, moved by ({shift}); lamps and objects keep to its own coordinates"
+
+
+def frame_from_own(moved: NDArray[np.float64] | None) -> NDArray[np.float64]:
+    """Return the matrix that leads from the coordinates of a mesh to those that `centred` gave it.
+
+    Parameters
+    ----------
+    moved : ndarray of float64, (3,), or None
+        What was taken off; None for nothing.
+
+    Returns
+    -------
+    ndarray of float64, (4, 4)
+    """
+    matrix = np.eye(4)
+    matrix[:3, 3] = 0.0 if moved is None else -moved
+    return matrix
+
+
 def fans(corners: NDArray, counts: NDArray, path: str | os.PathLike[str]) -> NDArray[np.int64]:
     """Cut polygons into triangle fans.
 

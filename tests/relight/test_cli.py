@@ -8,6 +8,7 @@ import warnings
 
 import numpy as np
 import pytest
+import trimesh
 from viewer_scenes import ball_on_plate
 
 from relight import LightingOptions, cli
@@ -34,6 +35,24 @@ def test_a_plan_writes_nothing_not_even_a_cache(folder, monkeypatch, capsys):
     plan = json.loads(capsys.readouterr().out)["plan"]
     assert plan["tolerance"] == 0.05 and plan["settings"]["method"]
     assert tree(folder.parent) == before
+
+
+def test_a_mesh_takes_the_colour_of_its_material(tmp_path):
+    made = trimesh.creation.icosphere(2)
+    material = trimesh.visual.material.PBRMaterial(baseColorFactor=[255, 0, 0, 255])
+    made.visual = trimesh.visual.TextureVisuals(uv=np.zeros((len(made.vertices), 2)), material=material)
+    made.export(tmp_path / "red.glb")
+    words = [str(tmp_path / "red.glb"), "--env", "overcast", "--format", "npy", "-q", "-o", str(tmp_path / "out")]
+    assert main(words) == 0
+    light = np.load(tmp_path / "out" / "radiance.npy")
+    assert light[:, 0].min() > 0.0 and not light[:, 1:].any()
+
+
+@pytest.mark.parametrize("wish", [[], ["--tolerance", ".05"], ["--budget", "2"]])
+def test_a_body_without_shadows_can_be_traced(wish, tmp_path):
+    trimesh.creation.icosphere(2).export(tmp_path / "ball.ply")
+    words = [str(tmp_path / "ball.ply"), "--method", "raytraced", *wish, "--env", "overcast", "--format", "npy", "-q"]
+    assert main([*words, "-o", str(tmp_path / "out")]) == 0
 
 
 def test_a_plan_reads_what_was_kept_and_leaves_it_alone(folder, tmp_path, capsys):

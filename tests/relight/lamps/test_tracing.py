@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 import trimesh
+from plan_scenes import X, Y, Z, mesh_of, square
+from seen_lamps import hits_tube, seen_share, share_error
 
 from relight.lamps.emitters import emitters_of
 from relight.lamps.shapes import MeshLamp, RectangleLamp, SphereLamp, SpotLamp, TubeLamp
@@ -116,7 +118,8 @@ def test_light_and_soft_shadows_are_those_of_mitsuba(name, scene, lit):
     size = np.sqrt((true**2).mean())
     assert np.sqrt(((found - true) ** 2).mean()) < 1.3 * np.sqrt((noise**2).mean()) + 0.005 * size
     assert noise.mean() < 0.1 * true.mean()  # or the above says nothing; of a tube it samples the far side too
-    np.testing.assert_allclose(found.sum(axis=0), true.sum(axis=0), rtol=0.01)
+    chance = 2.0 * np.sqrt((noise**2).sum(axis=0)).max()  # two standard errors: of the tube's sum they are 2%
+    np.testing.assert_allclose(found.sum(axis=0), true.sum(axis=0), rtol=0.005, atol=chance)
 
 
 def test_there_is_a_shadow_and_it_is_soft_under_a_large_lamp(scene, lit):
@@ -187,6 +190,47 @@ def test_a_lamp_in_a_closed_body_lights_nothing_outside(scene, lit):
     """Inside the ball: its back faces hide it from all else."""
     found = lit([SphereLamp(tuple(CENTER), 0.05, (5, 5, 5))])
     assert found[scene[0][:, 1] == 0.0].max() == 0.0
+
+
+@pytest.fixture(scope="module")
+def storey():
+    """A floor at y = 0 and a ceiling at y = 1, 2 wide, every .2: its mesh, and its light by lamps."""
+    mesh = mesh_of(square(-X - Z, 2 * Z, 2 * X, 10), square(Y - X - Z, 2 * X, 2 * Z, 10))
+    occluder, frame = Occluder(mesh.vertices, mesh.normals, mesh.faces), Frame.around(mesh.vertices, mesh.faces)
+
+    def lit(lamp):
+        return lamplight(occluder, emitters_of([lamp], frame.center, frame.diagonal), 256)[:, 0]
+
+    return mesh, lit
+
+
+@pytest.mark.parametrize("radius", [0.02, 0.1])
+@pytest.mark.parametrize("sunk", [-1.0, -0.25, 0.0, 0.5])
+def test_a_tube_in_a_ceiling_gives_what_of_its_side_is_below(radius, sunk, storey):
+    """sunk: how far its axis is above the ceiling, in radii: it hangs, is let in by half, is nearly gone."""
+    mesh, lit = storey
+    lamp = TubeLamp((-0.5, 1 + sunk * radius, 0.05), (0.5, 1 + sunk * radius, 0.05), radius, (1, 1, 1))
+    light = lit(lamp)
+    for place in [(0, 0, 0), (0.6, 0, 0.8), (0.2, 1, 0.4), (0.2, 1, 0.2), (-0.8, 1, 0)]:
+        row = int(np.linalg.norm(mesh.vertices - place, axis=1).argmin())
+        true = seen_share(hits_tube(lamp, mesh.vertices[row].astype(float), lambda at: at[:, 1] < 1), mesh.normals[row])
+        # 256 rays through a straight edge are off by a few of them; origins stand off by up to 3e-4
+        assert light[row] == pytest.approx(true, rel=0.03, abs=share_error(true) + 1e-3 * radius)
+
+
+@pytest.mark.parametrize("behind", [0.0, 1e-7, 1e-5, 1e-4])
+def test_a_panel_on_a_wall_is_not_hidden_by_the_wall(behind, storey):
+    """Within what origins of rays stand off, wherever rounding puts it: on the ceiling, and standing on the floor."""
+    mesh, lit = storey
+    at, floor = mesh.vertices, mesh.vertices[:, 1] == 0.0
+    ceiling = lit(RectangleLamp((0, 1 + behind, 0), (0.6, 0, 0), (0, 0, 0.6), (1, 1, 1)))
+    below = floor & (np.abs(at).max(axis=1) < 0.01)
+    # Its form factor from the middle below (Howell, "A catalog of radiation configuration factors", B-4), four quarters
+    a = 0.3 / np.sqrt(1 + 0.3**2)
+    assert ceiling[below] == pytest.approx(4 / (2 * np.pi) * 2 * a * np.arctan(a), rel=0.01)
+    flat = lit(RectangleLamp((0, -behind, 0), (0, 0, 0.6), (0.6, 0, 0), (1, 1, 1)))
+    above = ~floor & (np.abs(at[:, [0, 2]]).max(axis=1) < 0.01)
+    assert flat[above] == pytest.approx(ceiling[below], rel=0.01)
 
 
 def test_what_is_below_the_least_is_left_out(lit):

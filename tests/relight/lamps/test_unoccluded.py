@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from seen_lamps import RAYS, hits_tube, seen_share, share_error
 
 from relight.lamps.emitters import emitters_of
 from relight.lamps.shapes import (
@@ -13,9 +14,6 @@ from relight.lamps.shapes import (
     TubeLamp,
 )
 from relight.lamps.unoccluded import TUBE_NODES, aimed, unoccluded
-
-RAYS = 200_000
-"""The standard error of a share p of them is sqrt(p / RAYS): 2e-4 for .01."""
 
 
 def nodes_and_weights():
@@ -38,16 +36,6 @@ def sampled(lamp, place, normal, samples=4096, leaf=0.0):
         for e in range(len(emitters.kind))
         for sample in range(samples)
     )
-
-
-def seen_share(hits, normal, seed=0):
-    """The share of cosine-weighted rays for which `hits(directions (N, 3))` is true: irradiance over pi."""
-    rng = np.random.default_rng(seed)
-    u, azimuth = rng.random(RAYS), 2 * np.pi * rng.random(RAYS)
-    tangent = np.cross(normal, [1.0, 0, 0] if abs(normal[0]) < 0.9 else [0, 1.0, 0])
-    tangent /= np.linalg.norm(tangent)
-    local = np.stack([np.sqrt(u) * np.cos(azimuth), np.sqrt(u) * np.sin(azimuth), np.sqrt(1 - u)], axis=1)
-    return hits(local @ np.stack([tangent, np.cross(normal, tangent), normal])).mean()
 
 
 def hits_ball(center, radius):
@@ -94,6 +82,24 @@ def test_a_rectangle_is_what_rays_see_of_it_cut_by_the_horizon_or_not(normal):
     lamp = RectangleLamp((0.2, 0.6, 0.1), (0.9, 0, 0.1), (-0.05, 0.0, 0.45), (1, 1, 1))  # u x v points down
     found = given(lamp, (0.0, 0.0, 0.0), normal)
     assert found == pytest.approx(seen_share(hits_rectangle(lamp), normal), abs=5 * np.sqrt(0.1 / RAYS))
+
+
+@pytest.mark.parametrize("normal", NORMALS)
+@pytest.mark.parametrize(
+    "start,end,radius",
+    [
+        ((-0.5, 0.1, 0.0), (0.6, 0.1, 0.05), 0.098),  # lies on the surface beside the vertex
+        ((-0.4, 0.005, 0.03), (0.5, 0.005, 0.03), 0.02),  # more than half of it is below the horizon
+        ((-0.5, 0.6, 0.1), (0.6, 0.5, 0.3), 0.3),
+        ((0.1, 0.1, 0.2), (0.5, 0.9, 0.9), 0.05),
+        ((0.3, 0.4, 0.2), (0.3, 0.5, 0.25), 0.2),  # a disc, nearly
+    ],
+)
+def test_a_tube_is_what_rays_see_of_its_side_cut_by_the_horizon_or_not(start, end, radius, normal):
+    lamp, place = TubeLamp(start, end, radius, (1, 1, 1)), np.zeros(3)
+    true = seen_share(hits_tube(lamp, place), normal)
+    assert given(lamp, place, normal) == pytest.approx(true, abs=share_error(true))
+    assert sampled(lamp, place, normal) == pytest.approx(true, abs=share_error(true))
 
 
 def test_a_disc_of_sky_overhead_gives_sine_squared():

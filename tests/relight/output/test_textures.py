@@ -8,7 +8,7 @@ import numpy as np
 import open3d as o3d
 import pygltflib
 import pytest
-from ball_splats import RADIUS, solid_ball
+from ball_splats import GREEN, RADIUS, RED, solid_ball
 from gltf_check import validator_issues
 
 from relight.cli import main
@@ -22,6 +22,7 @@ from splat2mesh.pipeline import add_texture
 from splat2mesh.render.view import View
 from splat2mesh.scene.color import linear_from_srgb
 from splat2mesh.scene.mesh import Mesh
+from splat2mesh.scene.meshfile import read_mesh
 from splat2mesh.scene.scene import Scene
 from splat2mesh.texture.kept import kept_texture, textured_part
 from splat2mesh.texture.projection import Look
@@ -156,6 +157,13 @@ def test_the_command_lights_the_texture(folder, tmp_path):
     document = pygltflib.GLTF2().load(tmp_path / "out" / "relit.glb")
     assert document.meshes[0].primitives[0].attributes.TEXCOORD_0 is not None
     assert {"exposure", "clipped_vertices", "environment"} <= set(document.scenes[0].extras)
+
+
+def test_the_file_read_as_a_mesh_has_the_colours_of_its_texture(folder):
+    """The vertices of the folder are grey, the splats of the ball are not."""
+    mesh = read_mesh(folder / "mesh.glb")
+    for chosen, color in ((mesh.vertices[:, 1] > 0.5, RED), (mesh.vertices[:, 1] < -0.5, GREEN)):
+        assert np.abs(mesh.colors_srgb[chosen] / 255.0 - color).max() < 0.05  # JPEG of quality 95
 
 
 def test_a_changed_file_is_left_alone_with_a_warning(folder):

@@ -3,12 +3,15 @@
 import gc
 import weakref
 
+import numpy as np
 import pytest
-from plan_scenes import corner
+from plan_scenes import corner, sphere
 
-from relight import Environment, Relighter
+from relight import Environment, LightingOptions, Relighter
 from relight.planning.choice import NEAR_LEAST, Candidate, Choice
 from relight.transfer.settings import Settings
+from splat2mesh.scene.mesh import Mesh
+from splat2mesh.scene.scene import Scene
 
 
 def chosen_from(rows, target=1.0, budget_s=None):
@@ -65,3 +68,27 @@ def test_what_was_traced_for_a_plan_goes_with_it(settled):
         assert [each() for each in held] == 5 * [None]
     finally:
         gc.enable()
+
+
+@pytest.mark.parametrize("wish", [{}, {"tolerance": 0.05}, {"budget_s": 2.0}, {"tolerance": 0.05, "rays": 16}])
+def test_rays_that_were_requested_are_traced_where_no_shadow_needs_them(wish):
+    relighter = Relighter(sphere(), LightingOptions.of("raytraced", **wish).planned())
+    plan = relighter.plan_for(Environment.load("overcast"))
+    assert plan.settings.method == "raytraced" and plan.settings.shadowed is None
+    assert plan.settings.rays == wish.get("rays", plan.settings.rays) > 0
+    assert plan.error < 0.05
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("scene,traced", [(sphere(), False), (corner(8)[0], True)])
+@pytest.mark.parametrize("method", ["auto", "raytraced"])
+def test_a_chunk_without_vertices_changes_no_plan(scene, traced, method):
+    nothing = Mesh(np.zeros((0, 3), "f4"), np.zeros((0, 3), "f4"), np.zeros((0, 3), "i4"), np.zeros((0, 3), "u1"))
+    options = LightingOptions.of(method, tolerance=0.05)
+    plans = [
+        Relighter(Scene(chunks), options).plan_for(Environment.load("overcast"))
+        for chunks in ([*scene.chunks, nothing], [nothing, *scene.chunks], scene.chunks)
+    ]
+    assert {plan.settings.shadowed for plan in plans} == {None}
+    assert {plan.settings.rays > 0 for plan in plans} == {traced or method == "raytraced"}
+    assert [plan.error for plan in plans] == pytest.approx(3 * [plans[-1].error], rel=0.2)  # other rows of the sample

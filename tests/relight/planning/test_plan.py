@@ -256,6 +256,16 @@ def test_everything_skipped_is_in_the_table_with_what_it_would_give(name, sky):
     assert all(effect in text for effect in rows) and str(found.settings) in text
 
 
+def test_tables_give_no_figure_for_errors_over_no_light():
+    """Without shadows a closed room would be lit: an error of a thousand times what is there at least."""
+    found = plan(scene_and_albedo("closed_room")[0], SKIES["overcast"], 0.05)
+    assert dict((effect, without) for effect, without, _ in found.contributions)[SHADOWS] == pytest.approx(1000.0)
+    lines = found.table()
+    assert next(line for line in lines if SHADOWS in line).split() == [SHADOWS, ">", "1000%", "traced"]
+    assert all(float(word[:-1]) <= 1000.0 for line in lines for word in line.split() if word.endswith("%"))
+    assert all(len(line.partition("%")[0]) == 19 for line in lines[lines.index("accuracy against time") + 2 :])
+
+
 # -- checks after the work
 
 

@@ -27,6 +27,7 @@ from relight.transfer.occluder import Occluder
 from relight.transfer.raytraced import raytraced, raytraced_scene
 from relight.transfer.sunlight import sunlight
 from splat2mesh.base.errors import DataWarning
+from splat2mesh.scene.mesh import vertex_normals
 
 WHITE = np.sqrt(0.25 / np.pi)  # first coefficient of the transfer of a vertex that sees all its sky
 
@@ -90,13 +91,26 @@ NO_NORMALS = [[0, 0, 0], [1e-40, 0, 0], [0, -1e-45, 0], [np.nan, 0, 1], [np.inf,
 
 
 @pytest.mark.parametrize("method", ["auto", "raytraced", "analytic", "blinn-phong"])
-def test_vertices_without_a_normal_are_counted_once_and_lit_as_if_they_faced_up(method):
+def test_missing_normals_are_those_of_the_faces_around(method):
     vertices, normals, faces = knobbed_torus()
-    up, broken = normals.copy(), normals.copy()
-    up[10:16], broken[10:16] = [0, 1, 0], NO_NORMALS
+    known, broken = normals.copy(), normals.copy()
+    known[10:16], broken[10:16] = vertex_normals(np.float32(vertices), faces)[10:16], NO_NORMALS
+    albedo = np.full(vertices.shape, 0.7)
+    expected, found = (
+        ten_bands(scene(vertices, each, faces), method, rays=16).shade(rough_light(), albedo)
+        for each in (known, broken)
+    )
+    np.testing.assert_array_equal(found, expected)
+
+
+@pytest.mark.parametrize("method", ["auto", "raytraced", "analytic", "blinn-phong"])
+def test_vertices_without_normal_and_faces_are_counted_once_and_lit_as_if_they_faced_up(method):
+    vertices, normals, faces = knobbed_torus()
+    vertices = np.concatenate([vertices, vertices[:6] * 1.2])
+    up, broken = (np.concatenate([normals, each]) for each in (np.tile([0.0, 1.0, 0.0], (6, 1)), NO_NORMALS))
     albedo = np.full(vertices.shape, 0.7)
     expected = ten_bands(scene(vertices, up, faces), method, rays=16).shade(rough_light(), albedo)
-    with pytest.warns(DataWarning, match="^6 of 498 vertices have no normal") as caught:
+    with pytest.warns(DataWarning, match="^6 of 504 vertices have no normal") as caught:
         found = ten_bands(scene(vertices, broken, faces), method, rays=16).shade(rough_light(), albedo)
     assert len(caught) == 1
     np.testing.assert_array_equal(found, expected)

@@ -110,7 +110,7 @@ def test_without_trame_one_line_says_what_to_do(window, monkeypatch):
 
 def test_without_pyvista_or_a_display_one_line_says_what_to_do(scene, monkeypatch):
     monkeypatch.setitem(sys.modules, "pyvista", None)
-    with pytest.raises(InputError, match=r'pip install "splat2mesh\[view\]"'):
+    with pytest.raises(InputError, match="the session needs PyVista: pip install pyvista"):
         view(scene, off_screen=True)
     monkeypatch.undo()
     if sys.platform == "linux":

@@ -1,5 +1,7 @@
 """A package that is missing is named with the command that installs it."""
 
+import ast
+import re
 import sys
 from pathlib import Path
 
@@ -10,10 +12,13 @@ from splat2mesh.base.errors import InputError
 from splat2mesh.base.extras import EXTRAS, installed, needed
 
 
-def test_a_missing_package_is_one_line_with_its_extra(monkeypatch):
-    monkeypatch.setitem(sys.modules, "onnxruntime", None)
-    with pytest.raises(InputError, match=r'^the network needs onnxruntime.*pip install "splat2mesh\[networks\]"$'):
-        needed("onnxruntime", "the network")
+@pytest.mark.parametrize(
+    "package,command", [("onnxruntime", "pip install onnxruntime"), ("coacd", r'pip install "splat2mesh\[proxy\]"')]
+)
+def test_a_missing_package_is_one_line_with_its_command(package, command, monkeypatch):
+    monkeypatch.setitem(sys.modules, package, None)
+    with pytest.raises(InputError, match=rf"^the network needs {package}.*: {command}$"):
+        needed(package, "the network")
 
 
 def test_whether_a_package_is_there(monkeypatch):
@@ -22,12 +27,56 @@ def test_whether_a_package_is_there(monkeypatch):
     assert not installed("onnxruntime")
 
 
-def test_every_extra_brings_its_package():
+ROOT = Path(__file__).parents[3]
+
+
+@pytest.fixture
+def project():
     tomllib = pytest.importorskip("tomllib")  # of Python 3.11
-    project = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text())["project"]
-    extras = project["optional-dependencies"]
+    return tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+
+
+def names(requirements):
+    """Names of packages as Python imports them."""
+    imported = {
+        "backports.zstd": "backports",
+        "pillow": "PIL",
+        "open3d-cpu": "open3d",
+        "trame-pyvista": "trame_pyvista",
+        "usd-core": "pxr",
+    }
+    found = {re.match(r"[\w.-]+", line)[0] for line in requirements}
+    return {imported.get(name, name.replace("-", "_")) for name in found}
+
+
+def test_every_extra_brings_its_package(project):
     for package, extra in EXTRAS.items():
-        assert any(line.startswith(package.replace("_", "-")) for line in extras[extra])
+        assert package in names(project["optional-dependencies"][extra])
+
+
+def test_what_needs_no_extra_comes_with_the_packages_and_training_alone_brings_torch(project):
+    """`--view`, `--method neural` and `--method neural-gash` run after `scripts/setup`."""
+    assert {"pyvista", "onnxruntime"} <= names(project["dependencies"])
+    extras = project["optional-dependencies"]
+    assert [extra for extra, lines in extras.items() if "torch" in names(lines)] == ["train"]
+    pinned = names((ROOT / "constraints.txt").read_text().splitlines()[1:])
+    assert {"pyvista", "vtk", "onnxruntime", "torch"} <= pinned
+
+
+def test_every_import_is_of_a_dependency_or_of_an_extra_that_users_have(project):
+    extras = project["optional-dependencies"]
+    users = [line for extra, lines in extras.items() if extra not in ("dev", "train", "docs") for line in lines]
+    known = names([*project["dependencies"], *users]) | set(sys.stdlib_module_names) | {"relight", "splat2mesh"}
+    # Of Python 3.14, of pyvista, of trame-pyvista, of distributed, of a notebook and of a caller who has a mesh of it.
+    beside = {"compression", "vtkmodules", "trame", "dask", "IPython", "trimesh"}
+    found = {}
+    for path in (path for package in ("splat2mesh", "relight") for path in (ROOT / package).rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            modules = [each.name for each in node.names] if isinstance(node, ast.Import) else []
+            if isinstance(node, ast.ImportFrom) and not node.level:
+                modules = [node.module]
+            found |= {module.partition(".")[0]: path.relative_to(ROOT).as_posix() for module in modules}
+    assert {name: path for name, path in found.items() if name not in known | beside} == {}
 
 
 def test_plans_leave_the_network_out_where_it_cannot_run(monkeypatch):

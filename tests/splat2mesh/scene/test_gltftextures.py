@@ -21,7 +21,7 @@ DEEP = np.array([[0, 12850], [40000, 65535]], np.uint16)
 
 
 def read(path):
-    """The Texture of a file's material, and the Textures."""
+    """The MappedTexture of a file's material, and the Textures."""
     data = GltfData(path)
     textures = Textures(data)
     (piece,) = placed_pieces(data)

@@ -130,7 +130,8 @@ def test_obj_polygons_become_fans_with_all_their_faces(tmp_path):
     ],
 )
 def test_obj_quads_in_every_spelling(tmp_path, face):
-    mesh = read_mesh(stored(tmp_path, "quad.obj", "mtllib nowhere.mtl\n" + SQUARE + face + "\n"))
+    (tmp_path / "a.mtl").write_text("newmtl a\n")
+    mesh = read_mesh(stored(tmp_path, "quad.obj", "mtllib a.mtl\n" + SQUARE + face + "\n"))
     assert triangles_of(mesh) == sorted(
         [((0, 0, 0), (1, 0, 0), (1, 1, 0)), ((0, 0, 0), (1, 1, 0), (0, 1, 0))], key=lambda face: face
     )

@@ -5,7 +5,7 @@ import struct
 import numpy as np
 import pytest
 
-from splat2mesh.base.errors import InputError
+from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.scene.plymesh import read_ply
 
 POINTS = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0.5], [-1, 0.25, 2]])
@@ -77,3 +77,18 @@ def test_a_corner_that_is_no_whole_number_is_refused(tmp_path):
     content = ply("").replace(b"1 3 0 3 4", b"1 3 0 3.5 4")
     with pytest.raises(InputError, match=r"a face names a vertex by 3\.5"):
         read_ply(stored(tmp_path, content))
+
+
+@pytest.mark.parametrize("colored", [False, True])
+def test_a_texture_that_is_not_read_is_said_unless_vertices_have_colours(tmp_path, colored):
+    head = "ply\nformat ascii 1.0\ncomment TextureFile a b.png\nelement vertex 3\n"
+    head += "".join(f"property float {axis}\n" for axis in "xyz")
+    head += "".join(f"property uchar {name}\n" for name in ("red", "green", "blue") if colored)
+    head += "element face 1\nproperty list uchar int vertex_indices\nproperty list uchar float texcoord\nend_header\n"
+    rows = [f"{x} {y} 0" + " 9 99 199" * colored for x, y in ((0, 0), (1, 0), (0, 1))]
+    path = stored(tmp_path, (head + "\n".join([*rows, "3 0 1 2 6 0 0 1 0 0 1"]) + "\n").encode())
+    if colored:
+        assert np.round(255 * read_ply(path).colors).tolist() == 3 * [[9, 99, 199]]
+    else:
+        with pytest.warns(DataWarning, match=r"its texture a b\.png is not read"):
+            assert read_ply(path).colors is None
