@@ -19,22 +19,19 @@ from splat2mesh.scene.measured import CapturedSky
 from ..light.environment import Environment
 from ..transfer.occluder import Occluder
 from ..transfer.transport import Transport
-from . import fit, natural, samples, skylight
-from .contrast import CONTRAST
+from . import samples
 from .direct import direct_light
-from .division import LIGHTEST, Prior, albedo_of, checked, prior_of, weighted_median, weighted_quantile
-from .patches import ColorPatches, patches_of
-from .seen import SeenPoints, looks_over
+from .division import LIGHTEST, Prior, albedo_of, checked, prior_of, weighted_quantile
+from .evidence import Evidence, Places
+from .fitted import FITTED
+from .posterior import Light
+from .said import Said
+from .seen import SeenPoints
+from .skylight import LEAST_OPEN, seen_sky
+from .unseen import backs
 
 BANDS, RAYS, BOUNCE_RAYS = 8, 64, 32
 """Default settings of transfer and bounces; half the default rays of relight."""
-
-USUAL_ALBEDO = 0.4
-"""Median albedo, in luminance, where nothing says more."""
-
-LIGHT_PART, BRIGHTER_ROUNDS = 0.97, 4
-"""Part of the places that must not be lighter than the lightest surface, and rounds in which light is added for that:
-a scene of dark surfaces and a few light ones has no median of 0.4."""
 
 MIN_PLACES = 64
 """Fewer are too few for the numbers of a light."""
@@ -59,7 +56,8 @@ class Estimate(NamedTuple):
     decides which way the light comes from (of a known light: how bright it was). direction: (3,) unit, the mean of
     direction times luminance over the sphere, and its length concentration in [0, 1]: 0 uniform, 1 a single point.
     color: (3,) mean radiance of the light over its luminance. brightness: mean luminance of the light. under_sky:
-    whether a captured sky was used. ambiguity: spread of the log irradiance over the lights that may have lit a place.
+    whether a captured sky was used. spread: root mean square, over places, of the uncertainty of their log light.
+    lights: the posterior's Lights, the likeliest first; none of a known light.
     """
 
     albedo: NDArray[np.float32]
@@ -74,22 +72,21 @@ class Estimate(NamedTuple):
     color: NDArray[np.float64]
     brightness: float
     under_sky: bool = False
-    ambiguity: float = 0.0
+    spread: float = 0.0
+    lights: tuple[Light, ...] = ()
 
 
 class CaptureEvidence(NamedTuple):
     """Evidence on a capture beside its colours. Each field is None, or empty, if unknown.
 
     sky: what the capture shows of its sky. looks: points seen from where the capture stood; then what they show counts,
-    not area. volume: (V,) in [0, 1], how far each vertex is of leaves or grass. reflected: (K,) the shape of the light
-    that gloss shows, of `reflected.guided`. hopeless: why the light cannot be estimated.
+    not area. hopeless: why the light cannot be estimated. said: what the user knows.
     """
 
     sky: CapturedSky | None = None
     looks: SeenPoints | None = None
-    volume: Floats | None = None
-    reflected: Floats | None = None
     hopeless: str = ""
+    said: Said = Said()
 
 
 class CapturedScene:
@@ -129,17 +126,9 @@ class CapturedScene:
         self.usable = (self.captured.min(axis=1) > DARK) & (peak < SATURATED)
         visible = visible_fraction(self.transport.transfer)
         open_part = float((self.areas * visible).sum() / max(float(self.areas.sum()), 1e-30))
-        self.under_sky = evidence.sky is not None and open_part > skylight.LEAST_OPEN
-        wanted = self.usable & (visible > samples.MIN_VISIBLE)
-        if self.under_sky:
-            flat = wanted & (self.roughness < samples.MAX_ROUGHNESS)
-            wanted = flat if np.count_nonzero(flat) >= samples.SAMPLES else wanted
-        self.places = samples.take(occluder, self.areas, wanted, seed)
-
-    @cached_property
-    def roughness(self) -> NDArray[np.float64]:
-        """`samples.roughness` of the vertices, (V,)."""
-        return samples.roughness(self.occluder)
+        self.sky = evidence.sky if open_part > LEAST_OPEN else None
+        self.usable &= ~backs(occluder, self.captured, visible)
+        self.places = samples.take(occluder, self.areas, self.usable & (visible > samples.MIN_VISIBLE), seed)
 
     def _traced(self) -> Transport:
         from ..transfer.bounces import Interreflection, visible_fraction
@@ -157,79 +146,32 @@ class CapturedScene:
             return f"only {len(self.places.vertices)} places are lit, unclipped and open to the sky"
         return ""
 
-    def bounced(self) -> NDArray[np.float64]:
-        return self.bounce[self.places.vertices].astype(np.float64)
-
-    def patches(self, volume: Floats | None) -> ColorPatches | None:
-        """The ColorPatches of the surfaces in view, or None if they are too few."""
-        looks = looks_over(self.occluder, self.areas, self.seed) if self.looks is None else self.looks
-        content = self.captured, self.usable, self.transport.transfer, self.bounce
-        return patches_of(looks, self.occluder, *content, volume)
-
-    def start(self, natural_light: bool = False) -> NDArray[np.float64]:
-        """(3,) radiance of a uniform light that makes the median albedo the usual one, half way to a grey world, or of
-        the colour that natural light has there."""
-        places = self.places
-        level = np.array([weighted_median(c, np.ones(len(c))) for c in self.captured[places.vertices].T])
-        level = natural.light_of(level) if natural_light else np.sqrt(level * luminance(level))
-        visible, bounced = places.sky.sum(axis=1), luminance(self.bounced())
-        radiance = (luminance(self.captured[places.vertices]) / USUAL_ALBEDO - bounced) / visible
-        bright = max(float(np.median(radiance)), 0.25 * float(luminance(level)) / USUAL_ALBEDO)
-        return level / luminance(level) * bright
-
-    def fitted(self, light: fit.Light, start: NDArray[np.float64], prior: NDArray[np.float64]) -> fit.Fit:
-        places = self.places
-        return fit.solve(light, self.log_captured(), places.pairs, places.weights, start, prior)
-
-    def log_captured(self) -> NDArray[np.float64]:
-        return np.log(self.captured[self.places.vertices].astype(np.float64))
+    @cached_property
+    def evidence(self) -> Evidence:
+        """The Evidence of its places."""
+        found, rows = self.places, self.places.vertices
+        captured, bounced = self.captured[rows].astype(np.float64), self.bounce[rows].astype(np.float64)
+        normals = self.occluder.normals[rows]
+        places = Places(found.sky, found.directions, captured, bounced, normals, found.pairs, found.weights)
+        return Evidence(places, None if self.sky is None else seen_sky(self.sky, found.directions), FITTED)
 
     def direct(self, environment: Environment) -> NDArray[np.float32]:
         """Direct light on the white scene, (V, 3) float32, not negative."""
         return direct_light(self.occluder, self.transport.transfer, environment, self.transport.sunlit)
 
-    def direct_at_places(self, environment: Environment) -> NDArray[np.float32]:
-        """The same at the places alone, (N, 3) float32."""
-        known = self.transport
-        return direct_light(self.occluder, known.transfer, environment, known.sunlit, self.places.vertices)
-
     def result(
-        self, environment: Environment, evidence: float, direct: Radiance | None = None, brighter: bool = True
+        self,
+        environment: Environment,
+        decided: float,
+        direct: Radiance | None = None,
     ) -> Estimate:
-        direct = self.direct(environment) if direct is None else direct
-        shares = np.where(self.usable, self.areas, 0.0)
-        gain = np.float32(self.brighter(direct) if brighter else 1.0)
-        if gain > 1.0:
-            environment = Environment(environment.radiance * gain, environment.name, environment.rotation_deg)
-        irradiance = gain * direct + self.bounce
-        prior = prior_of(self.captured, irradiance, shares)
+        """The Estimate of a light. direct: (V, 3) of it, where it is known."""
+        irradiance = (self.direct(environment) if direct is None else direct) + self.bounce
+        prior = prior_of(self.captured, irradiance, np.where(self.usable, self.areas, 0.0))
         albedo = albedo_of(self.captured, irradiance, prior)
-        return Estimate(albedo, irradiance, environment, prior, evidence, True, "", *described_light(environment))
-
-    def brighter(self, direct: Radiance) -> float:
-        """Factor, at least 1, by which the light must be brighter for all but a few places to be no lighter than a
-        surface."""
-        rows, gain = self.places.vertices, 1.0
-        captured, bounce, direct = (a[rows].astype(np.float64) for a in (self.captured, self.bounce, direct))
-        shares = np.ones(len(rows))
-        for _ in range(BRIGHTER_ROUNDS):
-            received = np.maximum(gain * direct + bounce, np.finfo(np.float32).tiny)
-            lightest = weighted_quantile((captured / received).max(axis=1), shares, LIGHT_PART)
-            gain *= max(lightest / LIGHTEST, 1.0)
-        return gain
-
-    def usual(self, exposure: np.float32, direct: Floats) -> np.float32:
-        """The exposure, float32, nearest to this one whose median albedo a place may have. direct: (N,) luminance of
-        the known light at the places. Where the sky is clipped all around, trees set the bound, and their light is too
-        dark.
-        """
-        captured, bounced = luminance(self.captured[self.places.vertices]), luminance(self.bounced())
-        lit = direct > 0.0
-        bounds = [
-            weighted_median((captured[lit] / albedo - bounced[lit]) / direct[lit], np.ones(np.count_nonzero(lit)))
-            for albedo in (CONTRAST.albedos[-1], CONTRAST.albedos[0])
-        ]
-        return np.float32(np.clip(exposure, max(bounds[0], 1e-6), max(bounds[1], 1e-6)))
+        described = described_light(environment)
+        found = Estimate(albedo, irradiance, environment, prior, decided, True, "", *described)
+        return found._replace(under_sky=self.sky is not None)
 
     def as_captured(self, reason: str, evidence: float = 0.0) -> Estimate:
         """The captured colours as albedo under a uniform light, scaled down where they are brighter than a surface."""

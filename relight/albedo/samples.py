@@ -35,9 +35,6 @@ SPACINGS = (1, 4, 16)
 BATCH = 256
 """Places traced at a time: 6 MB of rays."""
 
-MAX_ROUGHNESS = 0.03
-"""Of places under a captured sky: leaves, grass and their surfaces in the mesh show errors of the mesh, not light."""
-
 _AREA_GRID = 2.0**44  # parts of the squared diagonal that areas are rounded to, so that no sum depends on an order
 
 
@@ -64,20 +61,6 @@ def vertex_areas(occluder: Occluder) -> NDArray[np.float64]:
     for corner in range(3):
         areas += np.bincount(occluder.faces[:, corner], third, len(areas))
     return areas / _AREA_GRID
-
-
-def roughness(occluder: Occluder) -> NDArray[np.float64]:
-    """(V,) float64: how much the normals around a vertex disagree, 1 less the length of their mean over two rings."""
-    mean = occluder.normals.astype(np.float64)
-    for _ in range(2):
-        total = np.zeros_like(mean)
-        for corner in range(3):
-            for axis in range(3):
-                around = mean[occluder.faces, axis].sum(axis=1)
-                total[:, axis] += np.bincount(occluder.faces[:, corner], around, len(mean))
-        count = 3.0 * np.bincount(occluder.faces.ravel(), minlength=len(mean))
-        mean = total / np.maximum(count, 1.0)[:, None]
-    return 1.0 - np.linalg.norm(mean, axis=1)
 
 
 def places(occluder: Occluder, areas: Floats, usable: Mask, count: int, seed: int) -> NDArray[np.int64]:

@@ -1,0 +1,259 @@
+"""How well a light explains a capture: named cues on one footing, in nats, with gradient and curvature.
+
+log C = log a + log S: captured colour, albedo, and what a surface receives from the light and from other surfaces,
+which were seen to send out C. Every cue is a negative log likelihood of S or of the light itself; weights and noise
+are those of `fitted.Fitted`. A slope below 1 of log C over log S is a nuisance parameter of the first three: noise of
+the mesh in S attenuates it.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from splat2mesh.base.arrays import Directions, Floats
+from splat2mesh.scene.color import luminance
+
+from .division import weighted_median
+from .fitted import Fitted
+from .materials import Materials, materials_of
+from .natural import AXES
+
+PARALLEL = 0.97
+"""Cosine between normals, 14 degrees, from which on neighbours differ in shadow and not in slope."""
+
+HELD = 0.05
+"""Spread of the log albedo while the shape of the light is found. Bounced light is that of the captured colours, so that
+a light too dark explains them too well: brightness is read off the albedo and the sky alone, by `brightness`."""
+
+LEVELS = np.linspace(-1.5, 1.5, 61)
+"""Of log brightness, that are tried."""
+
+SLOPES = np.linspace(0.0, 1.0, 11)
+"""Slopes that are tried."""
+
+LEAST = 1e-9
+"""Light that counts as none."""
+
+LUMA = luminance(np.eye(3))
+
+
+class SeenSky(NamedTuple):
+    """A captured sky on K directions. log_radiance: (K, 3) of the part that was seen unclipped. seen, clipped: (K, 3)
+    shares of the upper sky, as it lights level ground, that were seen unclipped and clipped."""
+
+    log_radiance: NDArray[np.float64]
+    seen: NDArray[np.float64]
+    clipped: NDArray[np.float64]
+
+
+class Places(NamedTuple):
+    """N places on the surface. sky: (N, K) float32 cosine-weighted visibility of directions (K, 3). captured: (N, 3)
+    linear. bounced: (N, 3) light from other surfaces. normals: (N, 3). pairs: (P, 2) of neighbours. weights: (P,)."""
+
+    sky: NDArray[np.float32]
+    directions: Directions
+    captured: NDArray[np.float64]
+    bounced: NDArray[np.float64]
+    normals: Floats
+    pairs: NDArray[np.int64]
+    weights: NDArray[np.float64]
+
+
+class Cue(NamedTuple):
+    """nats: the lower, the better. gradient: (3 M,), hessian: (3 M, 3 M) of Gauss-Newton, colours outermost, or 0."""
+
+    nats: float
+    gradient: NDArray[np.float64] | float = 0.0
+    hessian: NDArray[np.float64] | float = 0.0
+
+
+class Received(NamedTuple):
+    """Light at places. total: (N, 3). slopes: of its logarithm in the parameters, 3 arrays (N, M), or None."""
+
+    total: NDArray[np.float64]
+    slopes: list[NDArray[np.float64]] | None
+
+    def of_luminance(self) -> NDArray[np.float64]:
+        """(N, 3 M) derivative of the log luminance, colours outermost."""
+        assert self.slopes is not None
+        parts = self.total * LUMA / luminance(self.total)[:, None]
+        return np.concatenate([part[:, None] * slope for part, slope in zip(parts.T, self.slopes, strict=True)], axis=1)
+
+
+class Evidence:
+    """The cues of a capture."""
+
+    def __init__(self, places: Places, sky: SeenSky | None, fitted: Fitted) -> None:
+        self.places, self.sky, self.fitted = places, sky, fitted
+        self.log_captured = np.log(places.captured)
+        self.log_luminance = np.log(luminance(places.captured))
+        self.materials = materials_of(self.log_captured, places.normals)
+        first, second = places.pairs.T
+        cosine = np.einsum("ij,ij->i", places.normals[first], places.normals[second])
+        level, slanted = cosine > PARALLEL, (cosine <= PARALLEL) & (cosine > 0.0)
+        self._pairs = {
+            "parallel pairs": _Pairs(places, level, fitted.parallel, fitted.parallel_slope),
+            "slanted pairs": _Pairs(places, slanted, fitted.slanted, fitted.slanted_slope),
+        }
+
+    def received(self, log_light: NDArray[np.float64], basis: Floats | None = None) -> Received:
+        """The Received of log radiance (K, 3); slopes in the parameters of a basis (K, M) of it, where one is given."""
+        radiance = np.exp(np.clip(log_light, -30.0, 30.0)).astype(np.float32)
+        bounced, sky = self.places.bounced, self.places.sky
+        if basis is None:
+            return Received(np.maximum(sky @ radiance + bounced, LEAST), None)
+        total, slopes = np.empty(bounced.shape), []
+        for color in range(3):
+            light = radiance[:, color, None]
+            direct = sky @ np.concatenate([light, light * basis.astype(np.float32)], axis=1)
+            total[:, color] = np.maximum(direct[:, 0] + bounced[:, color], LEAST)
+            slopes.append(direct[:, 1:] / total[:, color, None])
+        return Received(total, slopes)
+
+    def cues(self, log_light: NDArray[np.float64], basis: Floats | None = None) -> dict[str, Cue]:
+        """Every Cue of log radiance (K, 3), with derivatives where a basis (K, M) of it is given."""
+        received = self.received(log_light, basis)
+        found = {name: pairs.cue(self.log_captured, received, self.fitted) for name, pairs in self._pairs.items()}
+        found["contrast"] = self._contrast(received)
+        found |= self._albedo(received)
+        if self.sky is not None:
+            found |= self._sky(self.sky, log_light, basis)
+        return found
+
+    def shading(self, light: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(L,) nats of pairs and contrast under lights (N, L), luminance that places receive."""
+        logs = np.log(np.maximum(light, LEAST))
+        nats = sum(pairs.shading(self.log_luminance, logs, self.fitted) for pairs in self._pairs.values())
+        explained = self.materials.explained(logs)
+        return np.asarray(nats + 0.5 * self.fitted.contrast * np.log1p(-np.minimum(explained, 0.999)))
+
+    def brightness(self, log_light: NDArray[np.float64]) -> float:
+        """Log factor on log radiance (K, 3) by which the albedo is most usual, and the sky that was seen is as bright.
+
+        All of the sky errs alike, by tone curves and by what harmonics cannot hold beside clipped sky: its median counts
+        as one number.
+        """
+        places, fitted = self.places, self.fitted
+        direct = luminance(places.sky @ np.exp(np.clip(log_light, -30.0, 30.0)).astype(np.float32))
+        captured, bounced = luminance(places.captured), luminance(places.bounced)
+        albedo = [np.median(captured / np.maximum(np.exp(level) * direct + bounced, LEAST)) for level in LEVELS]
+        nats = 0.5 * (np.log(np.array(albedo) / fitted.albedo) / fitted.albedo_spread) ** 2
+        if self.sky is not None and self.sky.seen.any():
+            lacking = weighted_median((self.sky.log_radiance - log_light).ravel(), self.sky.seen.ravel())
+            nats += 0.5 * ((LEVELS - lacking) / fitted.sky_level) ** 2
+        return float(LEVELS[int(np.argmin(nats))])
+
+    def _contrast(self, received: Received) -> Cue:
+        """Log luminance against the light's within materials: the part of the variance that no light explains."""
+        within, weight = self.materials, self.fitted.contrast
+        light = within.off(np.log(luminance(received.total)))
+        across, own = float(within.weight @ (within.colors * light)), float(within.weight @ light**2)
+        slope = max(across / max(own, 1e-12), 0.0)
+        rest = max(within.own - 2.0 * slope * across + slope**2 * own, 1e-12)
+        nats = 0.5 * weight * float(np.log(rest / max(within.own, 1e-12)))
+        if received.slopes is None or slope == 0.0:
+            return Cue(nats)
+        change = within.off(received.of_luminance())
+        pull = within.weight * (slope * light - within.colors)
+        curve = (change.T * within.weight) @ change
+        return Cue(nats, weight * slope / rest * (pull @ change), weight * slope**2 / rest * curve)
+
+    def _albedo(self, received: Received) -> dict[str, Cue]:
+        """How usual the albedo is: its median luminance, and its mean hue."""
+        fitted, logs = self.fitted, np.log(received.total)
+        level = float(np.median(self.log_luminance - np.log(luminance(received.total)))) - np.log(fitted.albedo)
+        hue = AXES[1:] @ (self.log_captured - logs).mean(axis=0) - [fitted.warmth, fitted.green]
+        off = {"albedo": ([level], [HELD]), "hue": (hue, [fitted.warmth_spread, fitted.green_spread])}
+        if received.slopes is None:
+            return {name: Cue(0.5 * float(np.sum(np.divide(*each) ** 2))) for name, each in off.items()}
+        means = [slope.mean(axis=0) for slope in received.slopes]
+        rows = {
+            "albedo": [-received.of_luminance().mean(axis=0)],
+            "hue": [-np.concatenate([part * mean for part, mean in zip(axis, means, strict=True)]) for axis in AXES[1:]],
+        }
+        return {name: _quadratic(np.array(off[name][0]), np.array(off[name][1]), np.array(rows[name])) for name in off}
+
+    def _sky(self, sky: SeenSky, log_light: NDArray[np.float64], basis: Floats | None) -> dict[str, Cue]:
+        """The sky that was seen: as bright as it looked where it was not clipped, and at least 1 where it was."""
+        fitted = self.fitted
+        off = (log_light - sky.log_radiance) / fitted.sky_noise
+        robust = 1.0 / (1.0 + off**2)
+        below = np.clip(log_light, -2.0, 0.0)
+        seen = fitted.sky * float((sky.seen * off**2 * robust).sum())
+        clipped = fitted.clipped * float((sky.clipped * below**2).sum())
+        if basis is None:
+            return {"sky": Cue(seen), "clipped sky": Cue(clipped)}
+        pulls = {
+            "sky": (2.0 * fitted.sky / fitted.sky_noise * sky.seen * off * robust**2, fitted.sky_noise),
+            "clipped sky": (2.0 * fitted.clipped * sky.clipped * below * (below > -2.0), 1.0),
+        }
+        curves = {
+            "sky": 2.0 * fitted.sky / fitted.sky_noise**2 * sky.seen * robust**2,
+            "clipped sky": 2.0 * fitted.clipped * sky.clipped * ((below < 0.0) & (below > -2.0)),
+        }
+        found = {}
+        for name, nats in (("sky", seen), ("clipped sky", clipped)):
+            blocks = [(basis.T * column) @ basis for column in curves[name].T]
+            found[name] = Cue(nats, (pulls[name][0].T @ basis).ravel(), scipy.linalg.block_diag(*blocks))
+        return found
+
+
+class _Pairs:
+    """Neighbours that mostly share a material: differences of log albedo under Geman and McClure's function."""
+
+    def __init__(self, places: Places, chosen: NDArray[np.bool_], weight: float, of_slope: float) -> None:
+        self._first, self._second = places.pairs[chosen].T
+        weights = places.weights[chosen]
+        self._weights = weights / max(float(weights.sum()), 1e-12)
+        self._count, self._weight, self._of_slope = len(places.captured), weight, of_slope
+
+    def cue(self, log_captured: NDArray[np.float64], received: Received, fitted: Fitted) -> Cue:
+        """The Cue of log colours (N, 3)."""
+        seen, light = self._differences(log_captured), self._differences(np.log(received.total))
+        square, across, own = (np.einsum("pc,pc->p", a, b) for a, b in ((seen, seen), (seen, light), (light, light)))
+        nats, slope = self._best([square - 2.0 * s * across + s * s * own for s in SLOPES], fitted)
+        if received.slopes is None or slope == 0.0:
+            return Cue(nats)
+        rest = seen - slope * light
+        near = 1.0 + np.einsum("pc,pc->p", rest, rest) / fitted.difference**2
+        robust = self._weight * self._weights / near**2 / fitted.difference**2
+        graph = scipy.sparse.coo_array((robust, (self._first, self._second)), (self._count, self._count)).tocsr()
+        graph = graph + graph.T
+        degree = np.asarray(graph.sum(axis=1)).ravel()
+        gradient, blocks = [], []
+        for color, change in enumerate(received.slopes):
+            force = robust * rest[:, color]
+            pull = np.bincount(self._second, force, self._count) - np.bincount(self._first, force, self._count)
+            gradient.append(2.0 * slope * (pull @ change))
+            blocks.append(2.0 * slope**2 * (change.T @ (degree[:, None] * change - graph @ change)))
+        return Cue(nats, np.concatenate(gradient), scipy.linalg.block_diag(*blocks))
+
+    def shading(self, logs: NDArray[np.float64], light: NDArray[np.float64], fitted: Fitted) -> NDArray[np.float64]:
+        """(L,) nats of log luminances (N,) under log lights (N, L), all colours alike."""
+        seen, light = self._differences(logs)[:, None], self._differences(light)
+        tried = []
+        for slope in SLOPES[4::2]:
+            square = 3.0 * (seen - slope * light) ** 2 / fitted.difference**2
+            tried.append(self._weight * (self._weights @ (square / (1.0 + square))) + self._of_slope * (1.0 - slope) ** 2)
+        return np.asarray(np.min(tried, axis=0))
+
+    def _best(self, squares: list[NDArray[np.float64]], fitted: Fitted) -> tuple[float, float]:
+        """Nats and slope of the best slope, of squared differences (P,) under each of SLOPES."""
+        costs = []
+        for slope, square in zip(SLOPES, squares, strict=True):
+            scaled = np.maximum(square, 0.0) / fitted.difference**2
+            cost = float(self._weights @ (scaled / (1.0 + scaled)))
+            costs.append(self._weight * cost + self._of_slope * (1.0 - slope) ** 2)
+        best = int(np.argmin(costs))
+        return costs[best], float(SLOPES[best])
+
+    def _differences(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.asarray(values[self._first] - values[self._second])
+
+
+def _quadratic(off: NDArray[np.float64], spread: NDArray[np.float64], rows: NDArray[np.float64]) -> Cue:
+    """The Cue of deviations (R,) with spreads (R,) and derivatives (R, 3 M)."""
+    scaled = rows / spread[:, None]
+    return Cue(0.5 * float(np.sum((off / spread) ** 2)), (off / spread) @ scaled, scaled.T @ scaled)

@@ -1,0 +1,47 @@
+"""The numbers of the estimate of captured light, as `scripts/fit light` prints them, with the error they leave."""
+
+import json
+from pathlib import Path
+from typing import NamedTuple
+
+FILE = Path(__file__).parent / "data" / "fitted.json"
+
+
+class Fitted(NamedTuple):
+    """Weights of cues, in nats, and scales of their noise. `fitted.json` holds the values and where they come from.
+
+    parallel, slanted: weight of pairs of neighbours whose normals agree, and of those that differ.
+    parallel_slope, slanted_slope: weight against a slope of log colour over log light that is not 1, for each of them.
+    difference: of log albedo (RGB), beyond which two neighbours are of two materials.
+    contrast: independent patches of the contrast within materials.
+    sky, sky_noise, sky_level: weight of the whole upper sky, and its noise in log radiance, of a part and of all of it:
+    bands, tone curve, tint.
+    clipped: weight of a sky that was clipped all over.
+    albedo, albedo_spread: median albedo in luminance, and spread of its logarithm.
+    warmth, warmth_spread, green, green_spread: mean log red over blue, and green over both, of albedo; spreads.
+    color_spread: factor on the variance of the colour of natural lights.
+    sun: nats against a sun. decibels: of a relit result, by which it is uncertain for each unit of the spread of log light.
+    """
+
+    parallel: float
+    slanted: float
+    parallel_slope: float
+    slanted_slope: float
+    difference: float
+    contrast: float
+    sky: float
+    sky_noise: float
+    sky_level: float
+    clipped: float
+    albedo: float
+    albedo_spread: float
+    warmth: float
+    warmth_spread: float
+    green: float
+    green_spread: float
+    color_spread: float
+    sun: float
+    decibels: float
+
+
+FITTED = Fitted(**json.loads(FILE.read_text(encoding="utf-8"))["values"])

@@ -1,0 +1,268 @@
+"""The captured light given all cues: natural light as the prior, with and without a sun, and the mean of what remains.
+
+The log radiance of the light is a sum of harmonics; a sun is one more function, a narrow lobe. Gauss-Newton with
+Levenberg and Marquardt's damping finds the most probable light of each kind; Laplace's approximation weighs them.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from splat2mesh.base.arrays import Directions, Floats, Mask, Vector
+from splat2mesh.scene.color import luminance
+
+from ..sh import harmonics
+from .evidence import LUMA, Cue, Evidence
+from .natural import AXES, NaturalLight, log_radiance
+
+STEPS, LEAST_GAIN = 14, 0.1
+"""Gauss-Newton steps at most, and gain in nats below which they end."""
+
+LARGEST_STEP = 1.5
+"""Of log radiance: beyond it the linearisation is worthless."""
+
+DAMPING = 1e-3, 1e4
+"""Least and most damping, as parts of the diagonal."""
+
+SUN_WIDTH_DEG = 5.0
+"""Spread of a sun's lobe: directions of the places are 6 degrees apart."""
+
+SUN_SHARES = (0.2, 0.4, 0.6)
+"""Of the mean direct light, that are tried for a sun."""
+
+APART_DEG, SUNS = 15.0, 2
+"""Least angle between suns that are fitted, and how many are."""
+
+SUN_STRENGTH, SUN_COLOR = 3.0, 0.5
+"""Spread of the log radiance that a sun adds at its middle, and of its colour."""
+
+AROUND_DEG = 35.0
+"""Suns are sought so near to the brightest direction of the light without one."""
+
+
+class Lobe(NamedTuple):
+    """A sun. direction: (3,) unit, scene frame. log_height: (3,) log radiance that it adds at its middle."""
+
+    direction: NDArray[np.float64]
+    log_height: NDArray[np.float64]
+
+    def at(self, directions: Directions) -> NDArray[np.float64]:
+        """(D, 3) log radiance that it adds at directions (D, 3)."""
+        return _lobe(directions, self.direction)[:, None] * self.log_height
+
+
+class Light(NamedTuple):
+    """A light that may have lit the capture. coefficients: (K, 3) harmonics of its log radiance. sun: Lobe or None.
+    nats: of its cues and prior. share: of the posterior. variances: (N,) of the log luminance that places receive."""
+
+    coefficients: NDArray[np.float64]
+    sun: Lobe | None
+    nats: dict[str, float]
+    share: float
+    variances: NDArray[np.float64]
+
+    def radiance(self, directions: Directions) -> NDArray[np.float64]:
+        """(D, 3) at directions (D, 3)."""
+        logs = log_radiance(self.coefficients, directions)
+        return np.asarray(np.exp(np.clip(logs if self.sun is None else logs + self.sun.at(directions), -30.0, 30.0)))
+
+
+class _Optimum(NamedTuple):
+    parameters: NDArray[np.float64]  # (M, 3)
+    cues: dict[str, Cue]
+    nats: float
+    curvature: NDArray[np.float64]  # (3 M, 3 M)
+    evidence: float  # nats, with the volume of the posterior over that of the prior
+
+
+def lights_of(
+    evidence: Evidence,
+    prior: NaturalLight,
+    sun: Vector | None = None,  # (3,) unit direction where it is known
+    sunless: bool = False,  # whether the sky is known to hide it
+) -> list[Light]:
+    """The lights that may have lit a capture, the likeliest first; shares sum to 1."""
+    directions = evidence.places.directions
+    basis = harmonics.evaluate(directions, prior.bands)
+    start = prior.mean + np.eye(len(prior.mean), 1) * _level(evidence, basis @ prior.mean)
+    smooth = _solved(evidence, basis, start, prior.precision, start)
+    found: list[tuple[Lobe | None, _Optimum]] = [(None, smooth)]
+    if not sunless:
+        wider = _with_sun(prior.precision)
+        for direction, share, height in _suns(evidence, np.exp(basis @ smooth.parameters), sun):
+            lobes = np.column_stack([basis, _lobe(directions, direction)])
+            begin = np.vstack([smooth.parameters, np.full((1, 3), height)])
+            begin[0] += np.log(1.0 - share) * np.sqrt(4.0 * np.pi)
+            best = _solved(evidence, lobes, np.vstack([start, np.zeros((1, 3))]), wider, begin)
+            found.append((Lobe(direction, best.parameters[-1]), best))
+    if sun is not None and len(found) > 1:
+        found = found[1:]
+    odds = -np.array([each.evidence + evidence.fitted.sun * (lobe is not None) for lobe, each in found])
+    shares = np.exp(odds - odds.max())
+    lights = [
+        _described(evidence, basis, lobe, each, float(share))
+        for (lobe, each), share in zip(found, shares / shares.sum(), strict=True)
+    ]
+    return sorted(lights, key=lambda light: -light.share)
+
+
+def mean_radiance(lights: list[Light], directions: Directions) -> NDArray[np.float64]:
+    """(D, 3) radiance of the posterior's mean at directions (D, 3)."""
+    return np.asarray(sum(light.share * light.radiance(directions) for light in lights))
+
+
+def spread(evidence: Evidence, lights: list[Light]) -> float:
+    """Root mean square, over places, of the uncertainty of the log light they receive, its mean over the places aside."""
+    directions = evidence.places.directions
+    logs = [np.log(luminance(evidence.received(np.log(light.radiance(directions))).total)) for light in lights]
+    shares = np.array([light.share for light in lights])
+    about = np.array([each - each.mean() for each in logs])
+    across = shares @ (about - shares @ about) ** 2
+    return float(np.sqrt(np.mean(across + shares @ np.array([light.variances for light in lights]))))
+
+
+def exposed(evidence: Evidence, log_light: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(3,) log exposure, in each colour, of a light known up to it: log radiance (K, 3) at the directions of the places."""
+    basis = np.ones((len(log_light), 1))
+    start = np.full((1, 3), _level(evidence, log_light)[0, 0] / np.sqrt(4.0 * np.pi))
+    axes = np.array([1e-2, 10.0, 10.0])  # brightness is free, and a camera's white balance within .3
+    precision = np.einsum("q,qa,qb->ab", axes, AXES, AXES)
+    return _solved(evidence, basis, start, precision, start, log_light).parameters[0]
+
+
+def _level(evidence: Evidence, log_light: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(1, 3) to add to harmonics, so that the median direct light makes surfaces as light as is usual, before bounces."""
+    places = evidence.places
+    direct = luminance(places.sky @ np.exp(log_light).astype(np.float32))
+    wanted = np.median(luminance(places.captured)) / evidence.fitted.albedo
+    level = np.log(wanted / max(float(np.median(direct)), 1e-9)) * np.sqrt(4.0 * np.pi)
+    return np.full((1, 3), level)
+
+
+def _solved(
+    evidence: Evidence,
+    basis: Floats,  # (K, M)
+    center: NDArray[np.float64],  # (M, 3) of the prior
+    precision: NDArray[np.float64],  # (3 M, 3 M)
+    begin: NDArray[np.float64],  # (M, 3)
+    fixed: NDArray[np.float64] | float = 0.0,  # (K, 3) log radiance beside the basis
+) -> _Optimum:
+    """The most probable parameters."""
+
+    def prior(parameters: NDArray[np.float64]) -> Cue:
+        off = (parameters - center).T.ravel()
+        return Cue(0.5 * float(off @ precision @ off), precision @ off, precision)
+
+    def all_cues(parameters: NDArray[np.float64]) -> dict[str, Cue]:
+        return {**evidence.cues(fixed + basis @ parameters, basis), "prior": prior(parameters)}
+
+    def nats(parameters: NDArray[np.float64]) -> float:
+        cues = evidence.cues(fixed + basis @ parameters)
+        return sum(cue.nats for cue in cues.values()) + prior(parameters).nats
+
+    parameters, damping = begin, DAMPING[0]
+    cues = all_cues(parameters)
+    for _ in range(STEPS):
+        total = sum(cue.nats for cue in cues.values())
+        gradient, curvature = _sums(cues)
+        while damping < DAMPING[1]:
+            step = np.linalg.solve(curvature + damping * np.diag(np.diag(curvature)), -gradient).reshape(3, -1).T
+            step *= min(1.0, LARGEST_STEP / max(float(np.abs(basis @ step).max()), 1e-9))
+            after = nats(parameters + step)
+            if after < total:
+                break
+            damping = max(10.0 * damping, 1e-2)
+        else:
+            break
+        parameters, damping = parameters + step, max(damping / 10.0, DAMPING[0])
+        cues = all_cues(parameters)
+        if total - after < LEAST_GAIN:
+            break
+    _, curvature = _sums(cues)
+    total = sum(cue.nats for cue in cues.values())
+    volume = 0.5 * (np.linalg.slogdet(curvature)[1] - np.linalg.slogdet(precision)[1])
+    return _Optimum(parameters, cues, total, curvature, total + volume)
+
+
+def _sums(cues: dict[str, Cue]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Gradient (3 M,) and curvature (3 M, 3 M) of all cues."""
+    width = len(np.atleast_1d(cues["prior"].gradient))
+    gradient, curvature = np.zeros(width), np.zeros((width, width))
+    for cue in cues.values():
+        gradient += cue.gradient
+        curvature += cue.hessian
+    return gradient, curvature
+
+
+def _suns(evidence: Evidence, radiance: NDArray[np.float64], known: Vector | None) -> list[tuple[Vector, float, float]]:
+    """Suns that may stand beside a light (K, 3): direction, share of the mean direct light, and log height; the likeliest
+    first."""
+    places, light = evidence.places, luminance(radiance)
+    directions = places.directions
+    if known is not None:
+        near = np.array([int(np.argmax(directions @ known))])
+    else:
+        near = np.flatnonzero(_open_to_suns(evidence, directions, light))
+    if not len(near):
+        return []
+    lobes = np.stack([_lobe(directions, direction) for direction in directions[near]], axis=1)
+    size = lobes.sum(axis=0)
+    suns = places.sky @ (lobes / size).astype(np.float32)
+    rest, bounced = places.sky @ light.astype(np.float32), luminance(places.bounced)
+    tried = []
+    for share in SUN_SHARES:
+        strength = share * float(rest.mean()) / np.maximum(suns.mean(axis=0), 1e-9)
+        nats = evidence.shading((1.0 - share) * rest[:, None] + suns * strength + bounced[:, None])
+        for row in np.argsort(nats)[:SUNS]:
+            over = strength[row] / size[row] / max((1.0 - share) * light[near[row]], 1e-9)
+            tried.append((float(nats[row]), int(near[row]), share, float(np.log1p(over))))
+    chosen: list[tuple[int, float, float]] = []
+    for _, row, share, height in sorted(tried):
+        if all(directions[row] @ directions[other] < np.cos(np.radians(APART_DEG)) for other, _, _ in chosen):
+            chosen.append((row, share, height))
+    return [(directions[row] if known is None else known, share, height) for row, share, height in chosen[:SUNS]]
+
+
+def _open_to_suns(evidence: Evidence, directions: Directions, light: NDArray[np.float64]) -> Mask:
+    """(K,) bool: above the horizon, around the brightest of these, and where no sky was seen without a sun."""
+    free = directions[:, 1] > 0.0
+    if evidence.sky is not None:
+        whole = evidence.sky.seen + evidence.sky.clipped
+        free &= evidence.sky.seen.mean(axis=1) <= 0.6 * np.maximum(_upper(directions), whole.mean(axis=1))
+    if not free.any():
+        return free
+    brightest = directions[np.argmax(np.where(free, light, 0.0))]
+    return np.asarray(free & (directions @ brightest > np.cos(np.radians(AROUND_DEG))))
+
+
+def _upper(directions: Directions) -> NDArray[np.float64]:
+    weight = np.maximum(directions[:, 1], 0.0) + 0.2
+    return np.asarray(weight / weight.sum())
+
+
+def _with_sun(precision: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The prior's precision (3 K, 3 K) with that of a sun's log height as one more parameter of each colour."""
+    count = len(precision) // 3
+    wider = np.zeros((3, count + 1, 3, count + 1))
+    wider[:, :count, :, :count] = precision.reshape(3, count, 3, count)
+    wider[:, count, :, count] = np.outer(LUMA, LUMA) / SUN_STRENGTH**2 + AXES[1:].T @ AXES[1:] / SUN_COLOR**2
+    return wider.reshape(3 * (count + 1), -1)
+
+
+def _lobe(directions: Directions, middle: Vector) -> NDArray[np.float64]:
+    """(D,) a lobe of height 1 about a direction."""
+    angle = np.degrees(np.arccos(np.clip(directions @ middle, -1.0, 1.0)))
+    return np.asarray(np.exp(-0.5 * (angle / SUN_WIDTH_DEG) ** 2))
+
+
+def _described(evidence: Evidence, basis: Floats, lobe: Lobe | None, best: _Optimum, share: float) -> Light:
+    directions = evidence.places.directions
+    if lobe is not None:
+        basis = np.column_stack([basis, _lobe(directions, lobe.direction)])
+    change = evidence.received(basis @ best.parameters, basis).of_luminance()
+    change = change - change.mean(axis=0)
+    variances = np.einsum("nm,mn->n", change, np.linalg.solve(best.curvature, change.T))
+    smooth = (best.parameters if lobe is None else best.parameters[:-1]).copy()
+    smooth[0] += evidence.brightness(basis @ best.parameters) * np.sqrt(4.0 * np.pi)
+    return Light(smooth, lobe, {name: cue.nats for name, cue in best.cues.items()}, share, variances)
