@@ -24,6 +24,7 @@ from .contrast import CONTRAST
 from .direct import direct_light
 from .division import LIGHTEST, Prior, albedo_of, checked, prior_of, weighted_median, weighted_quantile
 from .patches import ColorPatches, patches_of
+from .said import Said
 from .seen import SeenPoints, looks_over
 
 BANDS, RAYS, BOUNCE_RAYS = 8, 64, 32
@@ -82,7 +83,7 @@ class CaptureEvidence(NamedTuple):
 
     sky: what the capture shows of its sky. looks: points seen from where the capture stood; then what they show counts,
     not area. volume: (V,) in [0, 1], how far each vertex is of leaves or grass. reflected: (K,) the shape of the light
-    that gloss shows, of `reflected.guided`. hopeless: why the light cannot be estimated.
+    that gloss shows, of `reflected.guided`. hopeless: why the light cannot be estimated. said: what a person says.
     """
 
     sky: CapturedSky | None = None
@@ -90,6 +91,7 @@ class CaptureEvidence(NamedTuple):
     volume: Floats | None = None
     reflected: Floats | None = None
     hopeless: str = ""
+    said: Said = Said()
 
 
 class CapturedScene:
