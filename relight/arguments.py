@@ -124,8 +124,8 @@ def parser() -> argparse.ArgumentParser:
     add("--captured", type=float, metavar="FACTOR", help=captured)
     sun = "replaces --env by the clear sky of a date and time with its zone (2026-06-21T19:30+02:00)"
     add("--sun", action=Sun, metavar="TIME", help=sun)
-    where = "latitude and longitude for the --sun or --captured-sun before it (48.85,2.35); position of the --insert before it, or else "
-    where += "of a probe (1.55,0,-.6)"
+    where = "latitude and longitude for the --sun or --captured-sun before it (48.85,2.35); position of the --insert "
+    where += "before it, or else of a probe (1.55,0,-.6)"
     add("--at", action=OfInsert, metavar="LAT,LON|X,Y,Z", help=where)
     north = "turn north of the --sun or --captured-sun before it from -z, counter-clockwise from above"
     add("--north", action=OfSun, dest="north_deg", type=float, metavar="DEG", help=north)

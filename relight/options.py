@@ -59,8 +59,8 @@ class LightingOptions:
     placed: added lamps: shapes of `relight.lamps`, files of lamps, or text, "1.5,1.5,-1.5 color=3000K".
     captured: factor on the captured light kept beside lamps and environment; 1 where the light is that of
         the capture, else 0. env_scale: factor on the light of the environment.
-    captured_sun: the sun of the capture, of `light.captured_sun`: a text such as "2026-06-21T15:00+02:00 at=48.85,2.35",
-        a DaylightRequest, (azimuth, height) in degrees, or a direction; kept as a unit direction in the scene frame.
+    captured_sun: the sun of the capture: "2026-06-21T15:00+02:00 at=48.85,2.35 north=20", a DaylightRequest, azimuth
+        and height in degrees, "210,35", or a direction; kept as a unit direction in the scene frame.
     captured_sky: its sky: one of `light.CAPTURED_SKIES`, a file or an Environment.
     captured_light: its whole light: the number, from 1, of a likely light in the folder of the scene, a file or an
         Environment; "auto" ignores the one that was chosen there.

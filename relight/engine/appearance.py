@@ -275,26 +275,25 @@ def _estimated(
 
     known = relighter.transport(CAPTURE_OF_PLACE if relighter.scene.is_place else CAPTURE, alone=True)
     with relighter.stages.stage("albedo"):
-        scene, sky, part = relighter.scene, _sky_of(relighter.scene), None
+        scene, sky = relighter.scene, _sky_of(relighter.scene)
         looks = looks_from(scene, relighter.occluder)
         seen = None if looks is None else looks.sizes(len(captured))
         volume = None if scene.measured is None else scene.measured.vertex_volume
-        if capture_env is None:
-            part = closed_part(scene, relighter.occluder, visible_fraction(known.transfer))
-            hopeless = ""
-            if part is not None:
-                from ..rooms.keeping import as_arrays
-                from ..rooms.room import room_of
+        part, hopeless = closed_part(scene, relighter.occluder, visible_fraction(known.transfer)), ""
+        if part is not None:
+            from ..rooms.keeping import as_arrays
+            from ..rooms.room import room_of
 
-                asked_of = relighter.occluder, captured, known.transfer, known.interreflection
-                room, hopeless = room_of(scene, *asked_of, relighter.seed, _pointed(relighter))
-                if room is not None:
-                    return as_arrays(room, room_notice(part, room.report))
-                hopeless = room_notice(part, None, hopeless)
+            asked_of = relighter.occluder, captured, known.transfer, known.interreflection
+            room, hopeless = room_of(scene, *asked_of, relighter.seed, _pointed(relighter), capture_env)
+            if room is not None:
+                return as_arrays(room, room_notice(part, room.report))
+            hopeless = room_notice(part, None, hopeless)
+        if capture_env is None:
             evidence = CaptureEvidence(sky, looks, volume, reflected, hopeless, said)
             found = estimate(relighter.occluder, captured, relighter.seed, transport=known, evidence=evidence)
         else:
-            evidence = CaptureEvidence(sky, looks, said=said)
+            part, evidence = None, CaptureEvidence(sky, looks, said=said)
             asked = relighter.occluder, captured, capture_env, relighter.seed
             found = with_known_light(*asked, transport=known, evidence=evidence)
         check = self_relight(relighter.occluder, captured, found, known.interreflection, seen)

@@ -1,7 +1,7 @@
 """The likeliest lights of a capture in the folder of its scene, and the one that a person chose.
 
-`captured_light.json`: {"schema_version": 1, "chosen": null or an entry, "candidates": [entry, ...]}, the likeliest first.
-An entry has the fields of `LikelyLight`. The environments lie beside it.
+`captured_light.json`: {"schema_version": 1, "chosen": null or an entry, "candidates": [entry, ...]}, the likeliest
+first. An entry has the fields of `LikelyLight`. The environments lie beside it.
 """
 
 import hashlib
@@ -52,9 +52,10 @@ class LikelySun:
 class LikelyLight:
     """A light that may have lit a capture.
 
-    name: for people. share: its posterior probability, in [0, 1]. sun: LikelySun, or None without one. environment: name
-    of the file of the whole light, sun included, relative to the folder: `.npz` of `offer`, `.exr` or `.hdr`. brightness,
-    tint (RGB), sun_strength, sky_to_sun: factors by which that file differs from the estimate; 1 as estimated.
+    name: for people. share: its posterior probability, in [0, 1]. sun: LikelySun, or None without one. environment:
+    name of the file of the whole light, sun included, relative to the folder: `.npz` of `offer`, `.exr` or `.hdr`.
+    brightness, tint (RGB), sun_strength, sky_to_sun: factors by which that file differs from the estimate; 1 as
+    estimated.
     """
 
     name: str
@@ -198,8 +199,8 @@ def light_file(choice: Any, folder: str | os.PathLike[str] | None) -> tuple[Path
         return None if chosen is None else (inside(own.parent, chosen.environment, own), chosen.name)
     if isinstance(choice, int):
         if own is None or not own.exists():
-            where = "a scene in memory" if folder is None else folder
-            raise InputError(f"`captured_light` {choice}: {where} holds no {NAME}, which an estimate of its light writes")
+            where = f"{folder or 'a scene in memory'} holds no {NAME}"
+            raise InputError(f"`captured_light` {choice}: {where}, which an estimate of its light writes")
         candidates = read_lights(own).candidates
         if choice > len(candidates):
             raise InputError(f"`captured_light` {choice}: {own} holds {len(candidates)} candidates")
@@ -241,9 +242,8 @@ def _entry(content: Any, where: str) -> LikelyLight:
         raise InputError(f"{where}: name: expected a text")
     inside("", content.get("environment"), where)
     share = _number(content.get("share"), f"{where}: share", 1.0)
-    factors = {
-        each: _number(content.get(each, 1.0), f"{where}: {each}") for each in ("brightness", "sun_strength", "sky_to_sun")
-    }
+    scales = "brightness", "sun_strength", "sky_to_sun"
+    factors = {each: _number(content.get(each, 1.0), f"{where}: {each}") for each in scales}
     tint = _color(content.get("tint", [1.0, 1.0, 1.0]), f"{where}: tint")
     if sun is not None:
         if not isinstance(sun, dict):

@@ -1,7 +1,7 @@
 """The sun of a capture as a person knows it: by the time and the place, by its angles, or as a direction.
 
-    captured_sun("2026-06-21T15:00+02:00 at=48.85,2.35 north=20")
-    captured_sun("210,35 north=20")      azimuth and height in degrees
+captured_sun("2026-06-21T15:00+02:00 at=48.85,2.35 north=20")
+captured_sun("210,35 north=20")      azimuth and height in degrees
 """
 
 import math
