@@ -9,7 +9,7 @@ from splat2mesh.base.manual import add_manuals, offer
 from splat2mesh.base.version import VERSION
 from splat2mesh.cli import MESHING_WORDS, add_display, add_meshing, add_tiling
 
-from .light import CAPTURED, SKIES
+from .light import ANEW, CAPTURED, CAPTURED_SKIES, SKIES
 from .options import DEFAULT_TOLERANCE, PLACE_TOLERANCE, LightingOptions
 from .output.kinds import BAKED, CITY_FILES, COLOR_SPACES, FILES, HARMONICS
 from .request import RelightRequest
@@ -39,6 +39,8 @@ BUILTIN = ("studio", "overcast", "noon", "sunset")
 WORDS: dict[str, Iterable[str]] = {
     "--env": (*BUILTIN, CAPTURED),
     "--lights": BUILTIN,
+    "--captured-sky": CAPTURED_SKIES,
+    "--captured-light": (ANEW,),
     "--on": ("floor",),
     "--lamps": ("keep", "off"),
     "--albedo": ("estimated", "captured", "white"),
@@ -53,14 +55,32 @@ WORDS: dict[str, Iterable[str]] = {
 """Words that shells offer as values of options."""
 
 
-class OfInsert(argparse.Action):
-    """A word for the last --insert; `--at` with two numbers belongs to the sun, any other to a probe."""
+class Sun(argparse.Action):
+    """A sun, which the words after it describe: the captured one, or that of the new light."""
+
+    def __call__(self, parser: Any, namespace: Any, values: Any, option_string: str | None = None) -> None:
+        """Keep it, and that `--at` and `--north` belong to it from now on."""
+        setattr(namespace, self.dest, values)
+        namespace.latest_sun = self.dest
+
+
+class OfSun(argparse.Action):
+    """A word for the last sun."""
+
+    def __call__(self, parser: Any, namespace: Any, values: Any, option_string: str | None = None) -> None:
+        """Keep it as that of the new light, or as `captured_at` or `captured_north_deg`."""
+        captured = getattr(namespace, "latest_sun", "") == "captured_sun"
+        setattr(namespace, f"captured_{self.dest}" if captured else self.dest, values)
+
+
+class OfInsert(OfSun):
+    """A word for the last --insert; `--at` with two numbers belongs to the last sun, any other to a probe."""
 
     def __call__(self, parser: Any, namespace: Any, values: Any, option_string: str | None = None) -> None:
         """Add it to the words of that object."""
         inserted = getattr(namespace, "inserted", None)
         if self.dest == "at" and str(values).count(",") < 2:
-            namespace.at = values
+            super().__call__(parser, namespace, values, option_string)
         elif self.dest == "at" and (not inserted or any(word.startswith("at=") for word in inserted[-1])):
             namespace.probe_at = [*getattr(namespace, "probe_at", []), values]
         elif not inserted:
@@ -78,7 +98,7 @@ def parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
         argument_default=argparse.SUPPRESS,
     )
-    parser.signed = "--rotate", "--up", "--eye", "--at", "--north", "--turn", "--white"
+    parser.signed = "--rotate", "--up", "--eye", "--at", "--north", "--turn", "--white", "--captured-sun"
     parser.signed_words = ("--lamp",)
     scene = "scene folder of splat2mesh, a splat (meshed first), or a mesh: .ply .obj .glb .stl"
     parser.add_argument("scene", metavar="SCENE", help=scene)
@@ -103,11 +123,12 @@ def parser() -> argparse.ArgumentParser:
     captured = "fraction of the captured light that stays, 0 for night (default: 1 beside lamps, 0 under another light)"
     add("--captured", type=float, metavar="FACTOR", help=captured)
     sun = "replaces --env by the clear sky of a date and time with its zone (2026-06-21T19:30+02:00)"
-    add("--sun", metavar="TIME", help=sun)
-    where = "latitude and longitude for --sun (48.85,2.35); position of the --insert before it, or else "
-    where += "of a probe (1.55,0,-.6)"
+    add("--sun", action=Sun, metavar="TIME", help=sun)
+    where = "latitude and longitude for the --sun or --captured-sun before it (48.85,2.35); position of the --insert "
+    where += "before it, or else of a probe (1.55,0,-.6)"
     add("--at", action=OfInsert, metavar="LAT,LON|X,Y,Z", help=where)
-    add("--north", dest="north_deg", type=float, metavar="DEG", help="turn north from -z, counter-clockwise from above")
+    north = "turn north of the --sun or --captured-sun before it from -z, counter-clockwise from above"
+    add("--north", action=OfSun, dest="north_deg", type=float, metavar="DEG", help=north)
     day = "times of the day of --sun (05:00-21:30/15min): a folder for each, at one exposure; with ffmpeg also a film"
     add("--day", metavar="A-B/STEP", help=day)
     insert = "add a mesh or a splat, in the frame of the splat, or a layout of several (docs/insert.md); repeatable"
@@ -131,6 +152,14 @@ def parser() -> argparse.ArgumentParser:
     add("--albedo", metavar="WHICH", help=albedo)
     capture = "the light of the capture, if you have it (.exr, .hdr): only its exposure is then estimated"
     add("--capture-env", metavar="FILE", help=capture)
+    known = "the sun of the capture, if you know it: date and time with its zone, with --at and --north after it, or "
+    known += "azimuth from north, clockwise, and height in degrees (210,35)"
+    add("--captured-sun", action=Sun, metavar="TIME|AZIMUTH,HEIGHT", help=known)
+    above = f"the sky of the capture: {', '.join(CAPTURED_SKIES)}, or a file of light"
+    add("--captured-sky", metavar="KIND|FILE", help=above)
+    likely = "the light of the capture: the number of a likely one that an estimate offered in the scene folder, or a "
+    likely += "file (captured_light.json, .exr or .hdr); auto ignores the one that was chosen there"
+    add("--captured-light", metavar="N|FILE|auto", help=likely)
     tint = "the colour of the captured light, where the estimate is wrong: 5600K, linear red,green,blue, or a name"
     add("--capture-tint", metavar="R,G,B|KELVIN", help=tint)
     white = "instead of --capture-tint a place in the frame of the splat whose surface is white or grey"

@@ -19,6 +19,7 @@ from splat2mesh.cli import KERNELS as MESHING_KERNELS
 from splat2mesh.cli import convert_options, display_options, tiling_options
 
 from .arguments import parser
+from .light import CAPTURED_SKIES
 from .options import LightingOptions
 from .output.kinds import BAKED, CITY_FILES, COLOR_SPACES, FILES, HARMONICS
 from .request import MOST_ANGLES, RelightRequest
@@ -83,6 +84,10 @@ def request_of(words: argparse.Namespace) -> RelightRequest:
         light["method"] = chosen("--method", light["method"], METHODS)
     if "tolerance" in light:
         light["tolerance"] = share("--tolerance", light["tolerance"])
+    _describe_captured_sun(words, light, asked)
+    sky = light.get("captured_sky")
+    if sky and not Path(sky).exists() and "." not in sky:
+        light["captured_sky"] = chosen("--captured-sky", sky, CAPTURED_SKIES)
     if "angles_deg" in asked:
         asked["angles_deg"] = angles_from(asked["angles_deg"])
     if "formats" in asked:
@@ -106,6 +111,22 @@ def request_of(words: argparse.Namespace) -> RelightRequest:
     meshing = {name: value for name, value in vars(words).items() if name not in elsewhere}
     asked["meshing"] = convert_options(argparse.Namespace(**meshing))
     return RelightRequest(lighting=LightingOptions(**light), tiling=tiling, **asked)
+
+
+def _describe_captured_sun(words: argparse.Namespace, light: dict[str, Any], asked: dict[str, Any]) -> None:
+    """Add place and north to the captured sun. Of two suns, one without its own has those of the other: the place is
+    one."""
+    sun = light.get("captured_sun")
+    if sun is None:
+        return
+    given = {name: getattr(words, f"captured_{name}") for name in ("at", "north_deg") if f"captured_{name}" in words}
+    for name in ("at", "north_deg"):
+        if name in asked and name not in given and (name != "at" or "," not in sun):  # angles need no place
+            given[name] = asked[name] if asked.get("sun") else asked.pop(name)
+    if asked.get("sun"):
+        asked.update({name: value for name, value in given.items() if name not in asked})
+    said = {"at": "at", "north_deg": "north"}
+    light["captured_sun"] = " ".join([sun, *(f"{said[name]}={value}" for name, value in given.items())])
 
 
 def _command(words: argparse.Namespace, display: Display, alone: bool) -> tuple[list[str], Any]:

@@ -8,7 +8,7 @@ from typing import Any, TypeAlias
 
 from splat2mesh.base.errors import InputError
 
-from .light import SUN_TOLERANCE
+from .light import ANEW, CAPTURED_SKIES, SUN_TOLERANCE
 from .transfer import DEFAULT_BANDS, DEFAULT_RAYS, GASH_BANDS, METHODS, NEURAL_RAYS, SHADOWING, check_rays
 from .transfer.settings import (
     BOUNCE_RAYS,
@@ -59,6 +59,11 @@ class LightingOptions:
     placed: added lamps: shapes of `relight.lamps`, files of lamps, or text, "1.5,1.5,-1.5 color=3000K".
     captured: factor on the captured light kept beside lamps and environment; 1 where the light is that of
         the capture, else 0. env_scale: factor on the light of the environment.
+    captured_sun: the sun of the capture: "2026-06-21T15:00+02:00 at=48.85,2.35 north=20", a DaylightRequest, azimuth
+        and height in degrees, "210,35", or a direction; kept as a unit direction in the scene frame.
+    captured_sky: its sky: one of `light.CAPTURED_SKIES`, a file or an Environment.
+    captured_light: its whole light: the number, from 1, of a likely light in the folder of the scene, a file or an
+        Environment; "auto" ignores the one that was chosen there.
     opened: "ceiling" lets the light into a closed room from above.
     Raises InputError for anything else.
     """
@@ -75,6 +80,9 @@ class LightingOptions:
     placed: Sequence[Any] = ()
     captured: float | None = None
     env_scale: float = 1.0
+    captured_sun: Any = None
+    captured_sky: Any = None
+    captured_light: Any = None
 
     def __post_init__(self) -> None:
         if self.method not in METHODS:
@@ -102,6 +110,13 @@ class LightingOptions:
                 kept[name] = _checked_factor(name, value)
         if self.opened not in (None, "ceiling"):
             raise InputError(f"`opened` {self.opened!r}: expected ceiling")
+        if self.captured_sun is not None:
+            from .light.captured_sun import captured_sun
+
+            kept["captured_sun"] = captured_sun(self.captured_sun)
+        if isinstance(self.captured_sky, str) and self.captured_sky.lower() in CAPTURED_SKIES:
+            kept["captured_sky"] = self.captured_sky.lower()
+        kept["captured_light"] = _checked_light(self.captured_light)
         for name, value in kept.items():
             object.__setattr__(self, name, value)
 
@@ -178,6 +193,12 @@ class LightingOptions:
     def changes_captured_light(self) -> bool:
         """Whether the request changes or adds to the light of the capture, which needs no environment."""
         return bool(self.placed) or self.captured is not None or self.lamps != "keep"
+
+    @property
+    def said(self) -> tuple[str, ...]:
+        """Names of the fields that say something of the captured light."""
+        names = [each for each in ("captured_sun", "captured_sky") if getattr(self, each) is not None]
+        return (*names, *(["captured_light"] if self.captured_light not in (None, ANEW) else []))
 
     @property
     def unplanned(self) -> Settings:
@@ -262,6 +283,15 @@ def _checked_factor(name: str, value: Any) -> float:
         words = "keep, off or " if name == "lamps" else ""
         raise InputError(f"`{name}` {value!r}: expected {words}a factor from 0 to {MOST_LAMPS:g}")
     return factor
+
+
+def _checked_light(choice: Any) -> Any:
+    """A captured light: None, "auto", the number of a candidate, a path or an Environment. Raises InputError."""
+    if isinstance(choice, str) and (choice.strip().lstrip("+-").isdecimal() or choice.lower() == ANEW):
+        choice = ANEW if choice.lower() == ANEW else int(choice)
+    if isinstance(choice, int) and choice < 1:
+        raise InputError(f"`captured_light` {choice}: expected the number of a likely light, from 1, a file, or {ANEW}")
+    return choice
 
 
 def _checked_effects(choice: str | Iterable[str], method: str) -> str | frozenset[str]:

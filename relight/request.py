@@ -181,6 +181,8 @@ class RelightRequest:
             object.__setattr__(self, "env", CAPTURED if changes else "studio")
         object.__setattr__(self, "probe_at", tuple(_place("probe_at", each) for each in self.probe_at))
         self._check_tint()
+        if self.capture_env is not None and "captured_light" in self.lighting.said:
+            raise InputError("`captured_light`: it is a known light as `capture_env` is; give one of them")
         if self.probe_at and "probe" not in (self.formats or ()):
             raise InputError("`probe_at`: it belongs to the format probe; give that too")
         if self.probes:

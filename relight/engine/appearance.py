@@ -21,6 +21,7 @@ from ..transfer.store import array_key
 
 if TYPE_CHECKING:
     from ..albedo import Prior
+    from ..albedo.said import Said
     from ..light.environment import Environment
     from ..rooms.room import Pointed, Room
     from .relighter import Relighter
@@ -93,8 +94,9 @@ def appearance_of(
     captured = relighter.scene.colors_linear
     if isinstance(choice, np.ndarray):
         own, choice = choice, "an array"
-    if capture_env is not None and choice != "estimated":
-        raise InputError(f"`capture_env`: it needs an estimated albedo, and the albedo is {choice}")
+    said = (*(("capture_env",) if capture_env is not None else ()), *relighter.options.said)
+    if said and choice != "estimated":
+        raise InputError(f"`{said[0]}`: it needs an estimated albedo, and the albedo is {choice}")
     if choice == "an array":
         return _given(_checked(own, choice, len(captured)), captured)
     if choice == "captured":
@@ -121,7 +123,7 @@ def _without_light(
     from ..light.environment import Environment
     from ..rooms.keeping import room_from
 
-    cache = relighter.cache
+    cache, capture_env = relighter.cache, _known(capture_env, relighter)
     key = _key(captured, capture_env, relighter, reflected)
     kept = cache.restored(lambda arrays: _checked_estimate(arrays, captured.shape), "albedo", *key)
     if kept is None:
@@ -152,6 +154,11 @@ def _without_light(
     if room is None:
         sky = Environment(kept["environment"], "captured", float(kept["light_turn"]))
     return look._replace(kept=described["left_as_captured"], room=room, environment=sky, ambiguity=unsure)
+
+
+def _known(capture_env: "Environment | None", relighter: "Relighter") -> "Environment | None":
+    """The known light of the capture: the given one, or else that of the options or chosen in the scene's folder."""
+    return relighter.said.light if capture_env is None else capture_env
 
 
 def _pointed(relighter: "Relighter") -> "Pointed | None":
@@ -194,6 +201,9 @@ def _key(
     parts = [] if sky is None else [sky.radiance, sky.bound, sky.clipped]
     parts += [standing(relighter.scene), np.array(WAY)] + ([] if reflected is None else [reflected])
     parts += [np.array(relighter.options.pointed_at)] if relighter.options.pointed_at else []
+    parts += relighter.said.key
+    if capture_env is not None and capture_env.rotation_deg:
+        parts.append(np.array(capture_env.rotation_deg))
     known = array_key(captured, None if capture_env is None else capture_env.radiance, *parts)
     return known + relighter.leaves + "shown" * relighter.precomputed.partly, relighter.seed
 
@@ -211,7 +221,7 @@ def albedo_kept(
     capture_env: "Environment | None", relighter: "Relighter", reflected: NDArray[np.float64] | None = None
 ) -> NDArray[np.float32] | None:
     """The albedo (V, 3) of a cached estimate, or None. A plan calls this, since it must not estimate anything."""
-    captured = relighter.scene.colors_linear
+    captured, capture_env = relighter.scene.colors_linear, _known(capture_env, relighter)
     key = _key(captured, capture_env, relighter, reflected)
     kept = relighter.cache.restored(lambda arrays: _checked_estimate(arrays, captured.shape), "albedo", *key)
     return None if kept is None else kept["albedo"]
@@ -237,12 +247,12 @@ def _of_objects(
 
     scene, objects = relighter.scene, relighter.scene.source.get("objects")
     if not objects or len(objects) == 1:
-        return _estimated(captured, capture_env, relighter, reflected)
+        return _estimated(captured, capture_env, relighter, reflected, relighter.said)
     ends = np.cumsum([0, *(len(chunk.vertices) for chunk in scene.chunks)])
     parts = []
     for first, last in (each["chunks"] for each in objects):
         alone = Relighter(Scene(scene.chunks[first:last]), seed=relighter.seed, stages=relighter.stages)
-        parts.append(_estimated(captured[ends[first] : ends[last]], capture_env, alone, None))
+        parts.append(_estimated(captured[ends[first] : ends[last]], capture_env, alone, None, relighter.said))
     kept = dict(max(parts, key=lambda part: len(part["albedo"])))
     for name in ("albedo", "irradiance", "trust"):
         kept[name] = np.concatenate([part[name] for part in parts])
@@ -257,6 +267,7 @@ def _estimated(
     capture_env: "Environment | None",
     relighter: "Relighter",
     reflected: NDArray[np.float64] | None,
+    said: "Said",
 ) -> dict[str, Any]:
     from ..albedo import CaptureEvidence, estimate, with_known_light
     from ..albedo.check import self_relight
@@ -264,26 +275,25 @@ def _estimated(
 
     known = relighter.transport(CAPTURE_OF_PLACE if relighter.scene.is_place else CAPTURE, alone=True)
     with relighter.stages.stage("albedo"):
-        scene, sky, part = relighter.scene, _sky_of(relighter.scene), None
+        scene, sky = relighter.scene, _sky_of(relighter.scene)
         looks = looks_from(scene, relighter.occluder)
         seen = None if looks is None else looks.sizes(len(captured))
         volume = None if scene.measured is None else scene.measured.vertex_volume
-        if capture_env is None:
-            part = closed_part(scene, relighter.occluder, visible_fraction(known.transfer))
-            hopeless = ""
-            if part is not None:
-                from ..rooms.keeping import as_arrays
-                from ..rooms.room import room_of
+        part, hopeless = closed_part(scene, relighter.occluder, visible_fraction(known.transfer)), ""
+        if part is not None:
+            from ..rooms.keeping import as_arrays
+            from ..rooms.room import room_of
 
-                asked_of = relighter.occluder, captured, known.transfer, known.interreflection
-                room, hopeless = room_of(scene, *asked_of, relighter.seed, _pointed(relighter))
-                if room is not None:
-                    return as_arrays(room, room_notice(part, room.report))
-                hopeless = room_notice(part, None, hopeless)
-            evidence = CaptureEvidence(sky, looks, volume, reflected, hopeless)
+            asked_of = relighter.occluder, captured, known.transfer, known.interreflection
+            room, hopeless = room_of(scene, *asked_of, relighter.seed, _pointed(relighter), capture_env)
+            if room is not None:
+                return as_arrays(room, room_notice(part, room.report))
+            hopeless = room_notice(part, None, hopeless)
+        if capture_env is None:
+            evidence = CaptureEvidence(sky, looks, volume, reflected, hopeless, said)
             found = estimate(relighter.occluder, captured, relighter.seed, transport=known, evidence=evidence)
         else:
-            evidence = CaptureEvidence(sky, looks)
+            part, evidence = None, CaptureEvidence(sky, looks, said=said)
             asked = relighter.occluder, captured, capture_env, relighter.seed
             found = with_known_light(*asked, transport=known, evidence=evidence)
         check = self_relight(relighter.occluder, captured, found, known.interreflection, seen)

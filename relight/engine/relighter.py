@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping
-from functools import partial
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -21,6 +21,7 @@ from .direct import DirectLight, Geometry
 from .static import StaticGeometry
 
 if TYPE_CHECKING:
+    from ..albedo.said import Said
     from ..light.environment import Environment
     from ..planning.plan import Plan
     from ..planning.planner import Planner
@@ -178,6 +179,14 @@ class Relighter:
     def cache(self) -> "Cache":
         """The Cache in use; it may be one that keeps nothing."""
         return self.precomputed.cache
+
+    @cached_property
+    def said(self) -> "Said":
+        """What the options say of the captured light. Raises InputError for what cannot be read."""
+        from ..albedo.said import Said
+
+        given = self.options.captured_sun, self.options.captured_sky, self.options.captured_light
+        return Said.read(*given, self.scene.path)
 
     @property
     def seed(self) -> int:

@@ -23,6 +23,7 @@ from splat2mesh.base.version import VERSION
 
 from ..insert.asked import asked_inserts, described
 from ..lamps.placing import asked_lamps, in_brief
+from ..light.captured_light import light_file
 from ..light.daylight import DaylightRequest
 
 if TYPE_CHECKING:
@@ -69,6 +70,8 @@ def settings_of(request: "RelightRequest", env: "AnyLight", angle_deg: float) ->
     }
     lighting = request.lighting
     found.update({each.name: getattr(lighting, each.name) for each in fields(lighting)})
+    found["captured_sky"] = _described(lighting.captured_sky)
+    found["captured_light"] = _described_capture(request)
     found["placed"] = [_described_lamp(each) for each in asked_lamps(lighting.placed)]
     found["inserted"] = [_described_insert(each) for each in asked_inserts(request.inserted)]
     if not isinstance(found["effects"], str):
@@ -93,6 +96,15 @@ def _described_lamp(lamp: "AskedLamp") -> dict[str, Any]:
     bright = lamp.brightness
     described = {"name": in_brief(lamp.shape), "color": lamp.color, "brightness": [bright.value, bright.unit]}
     return {**described, "shape": plain}
+
+
+def _described_capture(request: "RelightRequest") -> Any:
+    """The known light of the capture, also where it was chosen in the folder of the scene; its file by its content."""
+    choice, scene = request.lighting.captured_light, request.scene
+    if request.capture_env is not None or request.albedo not in (None, "estimated") or hasattr(choice, "radiance"):
+        return _described(choice)
+    found = light_file(choice, scene if isinstance(scene, (str, os.PathLike)) else getattr(scene, "path", None))
+    return None if found is None else {**_described(found[0]), "name": found[1]}
 
 
 def _described_insert(asked: "AskedInsert") -> dict[str, Any]:

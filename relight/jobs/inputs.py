@@ -2,6 +2,7 @@
 
 import os
 import warnings
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,6 +17,7 @@ from splat2mesh.scene.scene import Scene
 from splat2mesh.scene.sources import source_splats
 from splat2mesh.splats.splats import Splats
 
+from ..light import ANEW
 from ..light.daylight import DaylightRequest
 from ..light.environment import Environment
 from ..light.loading import light_of
@@ -96,7 +98,10 @@ class Inputs:
     @cached_property
     def options(self) -> LightingOptions:
         """The given options; without a tolerance, with the default for this kind of scene."""
-        return self.request.lighting.planned(PLACE_TOLERANCE if self.read_scene.is_place else DEFAULT_TOLERANCE)
+        lighting = self.request.lighting
+        if self.request.capture_env is not None:  # whatever was chosen in the folder of the scene
+            lighting = replace(lighting, captured_light=ANEW)
+        return lighting.planned(PLACE_TOLERANCE if self.read_scene.is_place else DEFAULT_TOLERANCE)
 
     @property
     def from_inside(self) -> bool:

@@ -67,7 +67,10 @@ class KnownScene(Inputs):
             library()  # so is a package
         alone = self._shows_splats_alone and not self._all_kept
         shown = (lambda: self.binding.used) if alone else None
-        return Relighter(self.scene, self.options, stages=self.stages, cache=self.cache, shown=shown)
+        made = Relighter(self.scene, self.options, stages=self.stages, cache=self.cache, shown=shown)
+        if self.choice_name == "estimated":
+            _ = made.said  # or an InputError
+        return made
 
     @property
     def _all_kept(self) -> bool:

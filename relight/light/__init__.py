@@ -6,6 +6,12 @@ SKIES = ("new", "keep", "drop")
 CAPTURED = "captured"
 """Name of the light of the capture in a request."""
 
+CAPTURED_SKIES = ("clear", "hazy", "overcast", "shade", "night")
+"""Kinds of sky that a capture may have had: with a sharp sun, a veiled one, no sun, all in shade, no daylight."""
+
+ANEW = "auto"
+"""Captured light to estimate, whatever was chosen before."""
+
 SUN_TOLERANCE = 0.007
 """Accepted error of the split of suns where nothing is planned, by the estimate of `sun_split.split`, which is for
 walls beside every vertex. True errors of 10 bands and 256 rays were 0.2 to 1.1 of it on two objects, and 0.5 to 1.5 on

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from splat2mesh.base.errors import InputError
 
-from .sun_position import check_place, check_time, parse_place, parse_time, sun_position
+from .sun_position import check_place, check_time, parse_place, parse_time, sun_position, toward
 
 if TYPE_CHECKING:
     import numpy as np
@@ -154,11 +154,12 @@ def daylight(
 
 def sky_of(request: DaylightRequest) -> "ClearSky":
     """Return the sky's model at a date and a place, in cd/m^2, with north at -z."""
+    import numpy as np
+
     from .sky_model import ClearSky
 
-    position = sun_position(request.time, request.latitude_deg, request.longitude_deg)
-    toward = _direction(position.azimuth_deg, position.elevation_deg)
-    return ClearSky(toward, request.turbidity, request.ground_albedo)
+    direction = np.array(toward(*sun_position(request.time, request.latitude_deg, request.longitude_deg)))
+    return ClearSky(direction, request.turbidity, request.ground_albedo)
 
 
 @lru_cache(1)
@@ -171,9 +172,11 @@ def reference_luminance() -> float:
         The mean over the sphere at a clear noon in June at 48 degrees: turbidity 3, ground albedo .3, the sun 65.4
         degrees up. Expose a whole day by one number: what shows light of mean luminance 1 well shows that noon well.
     """
+    import numpy as np
+
     from .sky_model import ClearSky
 
-    return ClearSky(_direction(180.0, _REFERENCE_ELEVATION_DEG), TURBIDITY, GROUND_ALBEDO).mean_luminance
+    return ClearSky(np.array(toward(180.0, _REFERENCE_ELEVATION_DEG)), TURBIDITY, GROUND_ALBEDO).mean_luminance
 
 
 def sky_image(sky: "ClearSky") -> "NDArray[np.float64]":
@@ -259,12 +262,3 @@ def _clock(day: datetime, text: str, hour: str, minute: str) -> datetime:
     midnight = day.replace(hour=0, minute=0, second=0, microsecond=0)
     at = midnight + timedelta(hours=int(hour), minutes=int(minute))
     return at.astimezone(timezone.utc)
-
-
-def _direction(azimuth_deg: float, elevation_deg: float) -> "NDArray[np.float64]":
-    """Unit vector (3,), +y up, north -z, east +x."""
-    import numpy as np
-
-    azimuth, elevation = np.radians([azimuth_deg, elevation_deg])
-    level = np.cos(elevation)
-    return np.array([np.sin(azimuth) * level, np.sin(elevation), -np.cos(azimuth) * level])

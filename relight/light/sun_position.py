@@ -75,6 +75,26 @@ def sun_position(time: datetime, latitude_deg: float, longitude_deg: float) -> S
     return SunPosition(azimuth_deg % 360.0, elevation_deg + refraction_at_zenith(90.0 - elevation_deg))
 
 
+def toward(azimuth_deg: float, elevation_deg: float, north_deg: float = 0.0) -> tuple[float, float, float]:
+    """Return the unit direction toward a sun in a frame whose +y is up.
+
+    Parameters
+    ----------
+    azimuth_deg, elevation_deg : float
+        From north, clockwise seen from above; above the horizon.
+    north_deg : float
+        By how much north is turned about +y from -z, counter-clockwise seen from above. At 0 east is +x.
+
+    Returns
+    -------
+    tuple of float
+        (x, y, z).
+    """
+    azimuth, elevation = math.radians(azimuth_deg - north_deg), math.radians(elevation_deg)
+    level = math.cos(elevation)
+    return math.sin(azimuth) * level, math.sin(elevation), -math.cos(azimuth) * level
+
+
 def parse_time(text: str) -> datetime:
     """Read a date with its time and zone, such as 2026-06-21T19:30+02:00.
 

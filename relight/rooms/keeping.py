@@ -55,6 +55,7 @@ def as_arrays(room: Room, reason: str) -> dict[str, NDArray[Any]]:
         "under_sky": False,
         "closed": True,
         "room_environment": room.environment.radiance,
+        "light_turn": room.environment.rotation_deg,
         "room_told": json.dumps(room.report),
     }
     kept |= {f"room_{name}": getattr(room, name) for name in ARRAYS}
@@ -79,7 +80,7 @@ def room_from(kept: Mapping[str, NDArray[Any]]) -> Room | None:
         return None
     report = json.loads(str(kept["room_told"]))
     prior = Prior(*(kept[f"prior_{name}"] for name in Prior._fields))
-    environment = Environment(kept["room_environment"], "windows")
+    environment = Environment(kept["room_environment"], "windows", float(kept.get("light_turn", 0.0)))
     arrays = {name: kept[f"room_{name}"] for name in ARRAYS}
     brightness = float(kept["brightness"])
     return Room(

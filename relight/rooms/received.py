@@ -86,6 +86,7 @@ def places_of(
     lamp_light: NDArray[np.float32],
     sky: CapturedSky | None,
     seed: int = 0,
+    through: NDArray[np.float32] | None = None,
 ) -> RoomIrradiance:
     """Gather the light that sample points of a room receive from each emitter.
 
@@ -103,6 +104,8 @@ def places_of(
         The sky captured in the windows.
     seed : int
         Seed of the choice of points.
+    through : ndarray of float32, (V, 3), optional
+        Direct light of a known sky in the windows at strength 1, which replaces the captured one.
 
     Returns
     -------
@@ -121,7 +124,12 @@ def places_of(
     emitters = [np.repeat(light[vertices, None].astype(np.float64), 3, axis=1) for light in lamp_light]
     known: NDArray[np.float64] = np.zeros((len(vertices), 3))
     patches: Directions = np.zeros((0, 3))
-    if len(vertices) and float(free.sum(axis=1).mean()) > (LEAST_UNSEEN if sky is None else LEAST_OPEN):
+    opened = len(vertices) and float(free.sum(axis=1).mean()) > (LEAST_UNSEEN if sky is None else LEAST_OPEN)
+    if opened and through is not None:
+        if through[vertices].any():  # one emitter, whose shape is known
+            patches = np.array([[0.0, 1.0, 0.0]])
+            emitters.append(through[vertices].astype(np.float64))
+    elif opened:
         known_part, unknown_part = sky_parts(sky, directions)
         known = free @ known_part
         patches, owner = _patches(directions, free.sum(axis=0) * unknown_part.mean(axis=1))

@@ -1,31 +1,26 @@
 """The light of a closed room as it was captured: its lamps, its windows, the albedo of its surfaces."""
 
-import math
 from typing import Any, NamedTuple
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
-from splat2mesh.base.arrays import Directions, Floats, Mask, Radiance, Transfer
+from splat2mesh.base.arrays import Floats, Mask, Radiance
 from splat2mesh.scene.color import luminance, srgb_from_linear
-from splat2mesh.scene.measured import CapturedSky
 from splat2mesh.scene.scene import Scene
 
 from ..albedo import samples
 from ..albedo.check import trust_in
 from ..albedo.division import Prior, albedo_of, prior_of
 from ..albedo.interior import within
-from ..light import projections
 from ..light.environment import Environment
-from ..light.sun_split import split
 from ..transfer.bounces import Interreflection, visible_fraction, with_bounces
 from ..transfer.occluder import Frame, Occluder
-from ..transfer.sunlight import sunlight
 from . import lamps, received, strengths
 from .evenness import Evenness
 from .pointing import lamps_at
 from .seen import below_ceiling, seen_from
+from .windows import WindowLight, capture_light, direct_light
 
 LEAST_EVIDENCE = 0.5
 """Evidence below which an emitter cannot be separated from the colours of the surfaces it lights."""
@@ -48,9 +43,6 @@ AVERAGING_ROUNDS = 6
 
 DOUBT = 0.7
 """Like `albedo.check.DOUBT`, for rooms: with 0.35 a trained parlour lost 0.6 dB, with 0.9 a lounge 0.2."""
-
-HEIGHT, WIDTH = 64, 128
-"""Size of the captured light's image, that of the picture behind it."""
 
 
 class Room(NamedTuple):
@@ -93,6 +85,7 @@ def room_of(
     interreflection: Interreflection,
     seed: int = 0,
     pointed: Pointed | None = None,
+    light: Environment | None = None,
 ) -> tuple[Room | None, str]:
     """Separate lamps, windows and albedo of a closed room from its captured colours.
 
@@ -112,6 +105,8 @@ def room_of(
         Seed of the choice of places at which light is judged.
     pointed : Pointed, optional
         Where a person says that lamps are; they come after those that are found, whose numbers stay.
+    light : Environment, optional
+        The light outside, of any brightness and tint, if it is known.
 
     Returns
     -------
@@ -135,6 +130,7 @@ def room_of(
         for lamp in lamps.find(occluder, captured, areas, visible, interreflection.bounce(captured))
         if areas[lamp.rows] @ seen[lamp.rows] > LEAST_SEEN * lamp.area
     ]
+    known = None if light is None else WindowLight.of(light, occluder, transfer, np.where(seen, areas, 0.0))
     even = Evenness(occluder)
     normals = even.average_directions(occluder.normals, AVERAGING_ROUNDS)
 
@@ -148,7 +144,8 @@ def room_of(
         rows = [lamp.rows for lamp in found]
         stacked = np.stack(lights) if lights else np.zeros((0, len(captured)), np.float32)
         surface = received.RoomSurface(normals, captured, areas, usable)
-        places = received.places_of(occluder, surface, rows, stacked, sky, seed + sample)
+        through = None if known is None else known.direct
+        places = received.places_of(occluder, surface, rows, stacked, sky, seed + sample, through)
         return places, strengths.solve(places, np.array([lamp.color for lamp in found]).reshape(-1, 3))
 
     def settled() -> strengths.Strengths | None:
@@ -189,10 +186,10 @@ def room_of(
         reason = "" if solved is not None else "the lamps that were pointed at light nothing of what was seen"
     if solved is None or reason:
         return None, reason
-    environment = _capture_light(sky, places.patches, solved.patches)
+    environment = capture_light(sky, places.patches, solved.patches, known)
     outside, brightness = np.zeros_like(captured), 1.0
     if len(places.patches):
-        outside, weight = _direct(occluder, transfer, environment), np.where(seen, areas, 0.0)
+        outside, weight = direct_light(occluder, transfer, environment), np.where(seen, areas, 0.0)
         brightness = float(max(weight @ luminance(outside), 1e-6) / max(weight @ visible, 1e-12))
     emitters = list(zip(found, lights, solved.radiance, strict=False))
     lit = _lit(captured, interreflection, outside, areas, seen, emitters, occluder.faces)
@@ -326,23 +323,3 @@ def _report(
     gains = {"agreement_gain": round(solved.gain, 3), "median_albedo": round(solved.albedo, 3)}
     gains["assumed_albedo"] = strengths.USUAL_ALBEDO
     return {"lamps": lamp_facts, "windows": windows, **gains}
-
-
-def _direct(occluder: Occluder, transfer: Transfer, environment: Environment) -> NDArray[np.float32]:
-    """Direct light on the white scene, (V, 3) float32, not negative."""
-    bands = math.isqrt(transfer.shape[1])
-    rest, suns = split(environment, bands)
-    direct = transfer @ rest.sh(bands).astype(np.float32)
-    if len(suns):
-        direct += sunlight(occluder, slice(None), suns)
-    return np.maximum(direct, np.float32(0.0), out=direct)
-
-
-def _capture_light(sky: CapturedSky | None, patches: Directions, excess: Radiance) -> Environment:
-    """The Environment that came through the windows: what was seen of it, and the excess (W, 3) of its patches."""
-    if not len(patches):
-        return Environment(np.zeros((HEIGHT, WIDTH, 3), np.float32), "no window")
-    directions = projections.texel_directions(HEIGHT, WIDTH).reshape(-1, 3)
-    known, unknown = received.sky_parts(sky, directions, image=True)
-    radiance = known + unknown * excess[scipy.spatial.cKDTree(patches).query(directions)[1]]
-    return Environment(radiance.reshape(HEIGHT, WIDTH, 3).astype(np.float32), "windows")

@@ -3,6 +3,7 @@
 import importlib
 import json
 import re
+from dataclasses import fields
 from itertools import takewhile
 from pathlib import Path
 
@@ -14,6 +15,8 @@ from splat_samples import make_splats, unit_vectors
 
 from relight import Environment, cli
 from relight.light import projections
+from relight.light.captured_light import LikelyLight
+from relight.light.sun_position import toward
 from relight.output.kinds import OF_SPLATS
 from relight.sh import harmonics
 from splat2mesh.render.rasterize import rasterize
@@ -159,6 +162,18 @@ def test_directions_of_texels_are_the_documented_formula():
     angles = {"lon": value(lon, u=u), "lat": value(lat, v=v)}
     expected = np.stack(value(direction, **angles), axis=-1)
     np.testing.assert_allclose(projections.texel_directions(HEIGHT, WIDTH), expected, atol=1e-15)
+
+
+def test_toward_the_sun_is_the_documented_formula():
+    direction = re.search(r"the direction toward the sun is\n`(.+?)`", PAGE)[1]
+    for azimuth, height, north in ((0, 10, 0), (75, 30, 0), (210, 35, 20), (-40, 80, -130)):
+        expected = value(direction, A=np.radians(azimuth - north), e=np.radians(height))
+        np.testing.assert_allclose(toward(azimuth, height, north), expected, atol=1e-15)
+
+
+def test_entries_of_captured_light_are_documented():
+    documented = {name.split(" (")[0] for name in names("entry", "meaning")}
+    assert documented == {each.name for each in fields(LikelyLight)}
 
 
 @pytest.mark.parametrize("angle", [15, 90, -45, 345])

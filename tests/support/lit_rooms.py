@@ -15,9 +15,9 @@ VERTICES = 3000
 
 
 @cache
-def room(kind="closed-box", lamps=1.0):
+def room(kind="closed-box", lamps=1.0, vertices=VERTICES):
     """(Scene as captured, Place, exposure, radiance (V, 3) with the lamps at a factor) of a hard place."""
-    place = build_place(kind, 0, VERTICES)
+    place = build_place(kind, 0, vertices)
     sky = Environment.load("overcast")
     radiance = light(place, sky).radiance()
     exposure = 0.8 / np.quantile(radiance[~place.emitted.any(axis=1)].max(axis=1), 0.98)

@@ -1,0 +1,269 @@
+"""The likeliest lights of a capture in the folder of its scene, and the one that a person chose.
+
+`captured_light.json`: {"schema_version": 1, "chosen": null or an entry, "candidates": [entry, ...]}, the likeliest
+first. An entry has the fields of `LikelyLight`. The environments lie beside it.
+"""
+
+import hashlib
+import json
+import math
+import os
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from splat2mesh.base.errors import InputError
+from splat2mesh.base.inputs import inside, load_arrays, read_json, reading
+from splat2mesh.base.outputs import staged_file
+
+from . import ANEW
+
+if TYPE_CHECKING:
+    from .environment import Environment
+
+NAME = "captured_light.json"
+"""In the folder of a scene."""
+
+SCHEMA_VERSION = 1
+
+_ENVIRONMENTS = "captured_light-{}.npz"  # by a digest of the content, so that a chosen light keeps its file
+
+_PACKED = ".npz"
+
+MOST_BYTES = 1 << 30
+"""Of an environment, unpacked: 8,192 x 4,096 texels take 400 MB."""
+
+
+@dataclass(frozen=True)
+class LikelySun:
+    """The sun of a likely light.
+
+    azimuth_deg: from -z of the scene frame, clockwise seen from above (-z is north, unless turned). height_deg: above
+    the horizon. irradiance: RGB on a surface that faces it, unit of the captured colours.
+    """
+
+    azimuth_deg: float
+    height_deg: float
+    irradiance: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class LikelyLight:
+    """A light that may have lit a capture.
+
+    name: for people. share: its posterior probability, in [0, 1]. sun: LikelySun, or None without one. environment:
+    name of the file of the whole light, sun included, relative to the folder: `.npz` of `offer`, `.exr` or `.hdr`.
+    brightness, tint (RGB), sun_strength, sky_to_sun: factors by which that file differs from the estimate; 1 as
+    estimated.
+    """
+
+    name: str
+    share: float
+    sun: LikelySun | None
+    environment: str
+    brightness: float = 1.0
+    tint: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    sun_strength: float = 1.0
+    sky_to_sun: float = 1.0
+
+
+@dataclass(frozen=True)
+class CapturedLights:
+    """candidates: LikelyLights, the likeliest first. chosen: the one that is used from now on, or None."""
+
+    candidates: tuple[LikelyLight, ...] = ()
+    chosen: LikelyLight | None = None
+
+
+def read_lights(path: str | os.PathLike[str]) -> CapturedLights:
+    """Read a `captured_light.json`. Raises InputError for what is missing, damaged or of a newer version."""
+    try:
+        content = read_json(path)
+    except InputError:
+        raise
+    except ValueError as error:
+        raise InputError(f"{path}: not readable JSON ({str(error)[:80]}); estimate the light again") from None
+    if not isinstance(content, dict) or not isinstance(content.get("candidates"), list):
+        raise InputError(f'{path}: expected {{"schema_version": 1, "chosen": ..., "candidates": [...]}}')
+    version = content.get("schema_version")
+    if version != SCHEMA_VERSION:
+        raise InputError(f"{path}: schema version {version}, expected {SCHEMA_VERSION}; update the tool")
+    candidates = [_entry(each, f"{path}: candidate {k}") for k, each in enumerate(content["candidates"], 1)]
+    chosen = content.get("chosen")
+    return CapturedLights(tuple(candidates), None if chosen is None else _entry(chosen, f"{path}: chosen"))
+
+
+def write_lights(folder: str | os.PathLike[str], lights: CapturedLights) -> Path:
+    """Write `captured_light.json` into a folder, under a temporary name first; returns its path.
+
+    Raises InputError for entries that cannot be read back, whose environment is not there, and for a folder that cannot
+    be written.
+    """
+    path = Path(folder) / NAME
+    listed = [*lights.candidates, *([lights.chosen] if lights.chosen else [])]
+    for each in listed:
+        _entry(asdict(each), f"{path}: {each.name}")
+        if not inside(folder, each.environment, path).is_file():
+            raise InputError(f"{path}: {each.name}: no file {each.environment} beside it")
+    content = {"schema_version": SCHEMA_VERSION, **asdict(lights)}
+    text = json.dumps({name: content[name] for name in ("schema_version", "chosen", "candidates")}, indent=1)
+    try:
+        with staged_file(path) as partial:
+            partial.write_text(text + "\n", "utf-8")
+    except OSError as error:
+        raise InputError(f"cannot write {path}: {error.strerror or error}") from None
+    return path
+
+
+def choose(folder: str | os.PathLike[str], entry: LikelyLight | None) -> Path:
+    """Have commands use a light of a scene folder from now on, or with None none; returns the path of the JSON.
+
+    The candidates stay. Raises InputError for a damaged file and an entry whose environment is not in the folder.
+    """
+    path = Path(folder) / NAME
+    known = read_lights(path) if path.exists() else CapturedLights()
+    return write_lights(folder, replace(known, chosen=entry))
+
+
+def offer(folder: str | os.PathLike[str], lights: Sequence[tuple[LikelyLight, "Environment"]]) -> CapturedLights:
+    """Write the likeliest lights with their environments into a scene folder. A choice made before stays.
+
+    The entries get the names of the files written. Environments that nothing refers to any more are removed. Raises
+    InputError for a folder that cannot be written.
+    """
+    import numpy as np
+
+    path, named = Path(folder) / NAME, []
+    chosen = read_lights(path).chosen if path.exists() else None
+    for entry, environment in lights:
+        turn = np.float64(environment.rotation_deg)
+        digest = hashlib.sha256(environment.radiance.tobytes() + turn.tobytes()).hexdigest()[:16]
+        file = Path(folder) / _ENVIRONMENTS.format(digest)
+        named.append(replace(entry, environment=file.name))
+        if file.exists():
+            continue
+        try:
+            with staged_file(file) as partial:
+                np.savez_compressed(partial, radiance=environment.radiance, rotation_deg=turn)
+        except OSError as error:
+            raise InputError(f"cannot write {file}: {error.strerror or error}") from None
+    found = CapturedLights(tuple(named), chosen)
+    write_lights(folder, found)
+    kept = {each.environment for each in named} | ({chosen.environment} if chosen else set())
+    for file in Path(folder).glob(_ENVIRONMENTS.format("*")):
+        if file.name not in kept:
+            file.unlink(missing_ok=True)
+    return found
+
+
+def known_light(choice: Any, folder: str | os.PathLike[str] | None) -> "Environment | None":
+    """Return the captured light that a request names, or else the one chosen in the folder of its scene.
+
+    Parameters
+    ----------
+    choice : None, "auto", int, path or Environment
+        None takes the chosen light; "auto" ignores it; a number is that of a candidate, from 1; a path is a
+        `captured_light.json`, whose chosen or else likeliest light counts, or an environment.
+    folder : path, optional
+        Of the scene.
+
+    Returns
+    -------
+    Environment or None
+        None where the light is to be estimated.
+
+    Raises
+    ------
+    InputError
+        For a number that no candidate has, and for what is missing or damaged.
+    """
+    if hasattr(choice, "radiance"):
+        return choice  # type: ignore[no-any-return]
+    found = light_file(choice, folder)
+    return None if found is None else read_environment(*found)
+
+
+def light_file(choice: Any, folder: str | os.PathLike[str] | None) -> tuple[Path, str] | None:
+    """Return the file of the environment that `known_light` reads, and its name; None without one."""
+    if choice == ANEW:
+        return None
+    own = None if folder is None or not Path(folder).is_dir() else Path(folder) / NAME
+    if choice is None:
+        if own is None or not own.exists():
+            return None
+        try:
+            chosen = read_lights(own).chosen
+        except InputError as error:
+            raise InputError(f"{error}; or ignore it with `captured_light` {ANEW}") from None
+        return None if chosen is None else (inside(own.parent, chosen.environment, own), chosen.name)
+    if isinstance(choice, int):
+        if own is None or not own.exists():
+            where = f"{folder or 'a scene in memory'} holds no {NAME}"
+            raise InputError(f"`captured_light` {choice}: {where}, which an estimate of its light writes")
+        candidates = read_lights(own).candidates
+        if choice > len(candidates):
+            raise InputError(f"`captured_light` {choice}: {own} holds {len(candidates)} candidates")
+        return inside(own.parent, candidates[choice - 1].environment, own), candidates[choice - 1].name
+    path = Path(choice)
+    if not os.path.lexists(path):
+        raise InputError(f"`captured_light` {path}: no such file; expected {NAME}, an environment, a number, or {ANEW}")
+    if path.suffix.lower() != ".json":
+        return path, path.stem
+    lights = read_lights(path)
+    entry = lights.chosen or next(iter(lights.candidates), None)
+    if entry is None:
+        raise InputError(f"`captured_light` {path}: it holds no light")
+    return inside(path.parent, entry.environment, path), entry.name
+
+
+def read_environment(path: str | os.PathLike[str], name: str) -> "Environment":
+    """Read an environment: an `.npz` of `offer`, or what `Environment.load` reads. Raises InputError."""
+    import numpy as np
+
+    from .environment import Environment
+
+    if Path(path).suffix.lower() != _PACKED:
+        found = Environment.load(path)
+        return Environment(found.radiance, name, found.rotation_deg)
+    with reading(path):
+        arrays = load_arrays(path, MOST_BYTES, ("radiance", "rotation_deg"))
+        if arrays["radiance"].dtype.kind != "f" or np.size(arrays["rotation_deg"]) != 1:
+            raise ValueError("expected a float image and an angle")
+        return Environment(arrays["radiance"], name, float(arrays["rotation_deg"]))
+
+
+def _entry(content: Any, where: str) -> LikelyLight:
+    """A LikelyLight of JSON. Raises InputError, which begins with `where`."""
+    if not isinstance(content, dict):
+        raise InputError(f"{where}: expected an object, found {str(content)[:40]}")
+    name, sun = content.get("name"), content.get("sun")
+    if not isinstance(name, str) or not name.strip():
+        raise InputError(f"{where}: name: expected a text")
+    inside("", content.get("environment"), where)
+    share = _number(content.get("share"), f"{where}: share", 1.0)
+    scales = "brightness", "sun_strength", "sky_to_sun"
+    factors = {each: _number(content.get(each, 1.0), f"{where}: {each}") for each in scales}
+    tint = _color(content.get("tint", [1.0, 1.0, 1.0]), f"{where}: tint")
+    if sun is not None:
+        if not isinstance(sun, dict):
+            raise InputError(f"{where}: sun: expected null or an object")
+        azimuth = _number(sun.get("azimuth_deg"), f"{where}: sun: azimuth_deg", signed=True)
+        height = _number(sun.get("height_deg"), f"{where}: sun: height_deg", 90.0)
+        sun = LikelySun(azimuth, height, _color(sun.get("irradiance"), f"{where}: sun: irradiance"))
+    return LikelyLight(name, share, sun, content["environment"], tint=tint, **factors)
+
+
+def _number(value: Any, where: str, most: float = math.inf, signed: bool = False) -> float:
+    plain = isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+    if not plain or not (signed or value >= 0.0) or value > most:
+        limits = "" if signed else " from 0" + (f" to {most:g}" if most < math.inf else " up")
+        raise InputError(f"{where}: expected a number{limits}, found {str(value)[:40]}")
+    return float(value)
+
+
+def _color(value: Any, where: str) -> tuple[float, float, float]:
+    if not isinstance(value, (list, tuple)) or len(value) != 3:
+        raise InputError(f"{where}: expected three numbers, found {str(value)[:40]}")
+    red, green, blue = (_number(each, where) for each in value)
+    return red, green, blue
