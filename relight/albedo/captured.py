@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from splat2mesh.base.arrays import Floats, Radiance
+from splat2mesh.base.arrays import Radiance
 from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.base.progress import Advance
 from splat2mesh.scene.color import luminance

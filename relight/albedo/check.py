@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Floats, Integers, Radiance
-from splat2mesh.scene.color import luminance, srgb_from_linear
+from splat2mesh.scene.color import srgb_from_linear
 
 from ..transfer.occluder import Occluder
 from . import samples
@@ -29,9 +29,6 @@ DISTRUSTED = 0.5
 
 REGION_RINGS = 3
 """Rounds in which doubts are averaged over neighbours: a region is some rings of vertices."""
-
-AMBIGUOUS = 0.05
-"""Ambiguity of an estimate up to which changes of light stay as they are."""
 
 _LEAST = 1e-3
 """Linear light below which differences are not seen."""
@@ -100,16 +97,6 @@ def drawn_to_none(before: Radiance, after: Radiance, trust: Floats) -> NDArray[n
     level = np.exp(np.median(np.log(after) - np.log(before)).astype(np.float32))
     share = trust[:, None]
     return np.where(share < 1.0, after**share * (level * before) ** (1.0 - share), after).astype(np.float32)
-
-
-def share_kept(before: Radiance, after: Radiance, ambiguity: float) -> float:
-    """Share of a change of light, (V, 3) each, that stays where the captured light is ambiguous (Wiener's, of signal
-    and noise): small changes are lost in what the lights that may have been differ by, large ones are not.
-    """
-    if ambiguity <= AMBIGUOUS:
-        return 1.0
-    change = np.log(np.maximum(luminance(after), _LEAST)) - np.log(np.maximum(luminance(before), _LEAST))
-    return float(1.0 / (1.0 + ambiguity**2 / max(float(np.var(change)), 1e-12)))
 
 
 def _of_region(faces: Integers, values: Floats) -> Floats:

@@ -17,18 +17,11 @@ from splat2mesh.scene.color import luminance
 
 from .division import weighted_median
 from .fitted import Fitted
-from .materials import Materials, materials_of
+from .materials import materials_of
 from .natural import AXES
 
 PARALLEL = 0.97
 """Cosine between normals, 14 degrees, from which on neighbours differ in shadow and not in slope."""
-
-HELD = 0.05
-"""Spread of the log albedo while the shape of the light is found. Bounced light is that of the captured colours, so that
-a light too dark explains them too well: brightness is read off the albedo and the sky alone, by `brightness`."""
-
-LEVELS = np.linspace(-1.5, 1.5, 61)
-"""Of log brightness, that are tried."""
 
 SLOPES = np.linspace(0.0, 1.0, 11)
 """Slopes that are tried."""
@@ -37,6 +30,16 @@ LEAST = 1e-9
 """Light that counts as none."""
 
 LUMA = luminance(np.eye(3))
+
+
+SIDE = 0.2
+"""Weight of a sky at the horizon beside that at the zenith: upright surfaces see it."""
+
+
+def upper_sky(directions: Directions) -> NDArray[np.float64]:
+    """(K, 1) weights of directions as parts of the sky, sum 1."""
+    weight = np.maximum(directions[:, 1:2], 0.0) + SIDE
+    return np.asarray(weight / weight.sum())
 
 
 class SeenSky(NamedTuple):
@@ -130,20 +133,15 @@ class Evidence:
         return np.asarray(nats + 0.5 * self.fitted.contrast * np.log1p(-np.minimum(explained, 0.999)))
 
     def brightness(self, log_light: NDArray[np.float64]) -> float:
-        """Log factor on log radiance (K, 3) by which the albedo is most usual, and the sky that was seen is as bright.
+        """Log factor on log radiance (K, 3) towards the brightness of the sky that was seen.
 
-        All of the sky errs alike, by tone curves and by what harmonics cannot hold beside clipped sky: its median counts
-        as one number.
+        All of the sky errs alike, by tone curves and by what harmonics cannot hold beside clipped sky, so its median
+        counts as one number. Pairs err to the other side: in noisy meshes bounced light explains too much.
         """
-        places, fitted = self.places, self.fitted
-        direct = luminance(places.sky @ np.exp(np.clip(log_light, -30.0, 30.0)).astype(np.float32))
-        captured, bounced = luminance(places.captured), luminance(places.bounced)
-        albedo = [np.median(captured / np.maximum(np.exp(level) * direct + bounced, LEAST)) for level in LEVELS]
-        nats = 0.5 * (np.log(np.array(albedo) / fitted.albedo) / fitted.albedo_spread) ** 2
-        if self.sky is not None and self.sky.seen.any():
-            lacking = weighted_median((self.sky.log_radiance - log_light).ravel(), self.sky.seen.ravel())
-            nats += 0.5 * ((LEVELS - lacking) / fitted.sky_level) ** 2
-        return float(LEVELS[int(np.argmin(nats))])
+        if self.sky is None or not self.sky.seen.any():
+            return 0.0
+        lacking = weighted_median((self.sky.log_radiance - log_light).ravel(), self.sky.seen.ravel())
+        return float(self.fitted.sky_level * lacking)
 
     def _contrast(self, received: Received) -> Cue:
         """Log luminance against the light's within materials: the part of the variance that no light explains."""
@@ -165,38 +163,39 @@ class Evidence:
         fitted, logs = self.fitted, np.log(received.total)
         level = float(np.median(self.log_luminance - np.log(luminance(received.total)))) - np.log(fitted.albedo)
         hue = AXES[1:] @ (self.log_captured - logs).mean(axis=0) - [fitted.warmth, fitted.green]
-        off = {"albedo": ([level], [HELD]), "hue": (hue, [fitted.warmth_spread, fitted.green_spread])}
+        off = {"albedo": ([level], [fitted.albedo_spread]), "hue": (hue, [fitted.warmth_spread, fitted.green_spread])}
         if received.slopes is None:
             return {name: Cue(0.5 * float(np.sum(np.divide(*each) ** 2))) for name, each in off.items()}
         means = [slope.mean(axis=0) for slope in received.slopes]
         rows = {
             "albedo": [-received.of_luminance().mean(axis=0)],
-            "hue": [-np.concatenate([part * mean for part, mean in zip(axis, means, strict=True)]) for axis in AXES[1:]],
+            "hue": [
+                -np.concatenate([part * mean for part, mean in zip(axis, means, strict=True)]) for axis in AXES[1:]
+            ],
         }
         return {name: _quadratic(np.array(off[name][0]), np.array(off[name][1]), np.array(rows[name])) for name in off}
 
     def _sky(self, sky: SeenSky, log_light: NDArray[np.float64], basis: Floats | None) -> dict[str, Cue]:
-        """The sky that was seen: as bright as it looked where it was not clipped, and at least 1 where it was."""
+        """The sky that was seen: as bright as it looked where it was not clipped, and as clipped skies are where it was."""
         fitted = self.fitted
         off = (log_light - sky.log_radiance) / fitted.sky_noise
         robust = 1.0 / (1.0 + off**2)
-        below = np.clip(log_light, -2.0, 0.0)
-        seen = fitted.sky * float((sky.seen * off**2 * robust).sum())
-        clipped = fitted.clipped * float((sky.clipped * below**2).sum())
-        if basis is None:
-            return {"sky": Cue(seen), "clipped sky": Cue(clipped)}
-        pulls = {
-            "sky": (2.0 * fitted.sky / fitted.sky_noise * sky.seen * off * robust**2, fitted.sky_noise),
-            "clipped sky": (2.0 * fitted.clipped * sky.clipped * below * (below > -2.0), 1.0),
-        }
-        curves = {
-            "sky": 2.0 * fitted.sky / fitted.sky_noise**2 * sky.seen * robust**2,
-            "clipped sky": 2.0 * fitted.clipped * sky.clipped * ((below < 0.0) & (below > -2.0)),
+        over = (log_light - fitted.clipped_level) / fitted.clipped_noise
+        held = 1.0 / (1.0 + over**2)
+        parts = {
+            "sky": (sky.seen, off, robust, fitted.sky, fitted.sky_noise),
+            "clipped sky": (sky.clipped, over, held, fitted.clipped, fitted.clipped_noise),
         }
         found = {}
-        for name, nats in (("sky", seen), ("clipped sky", clipped)):
-            blocks = [(basis.T * column) @ basis for column in curves[name].T]
-            found[name] = Cue(nats, (pulls[name][0].T @ basis).ravel(), scipy.linalg.block_diag(*blocks))
+        for name, (share, each, weight, nats, noise) in parts.items():
+            cost = nats * float((share * each**2 * weight).sum())
+            if basis is None:
+                found[name] = Cue(cost)
+                continue
+            pull = 2.0 * nats / noise * share * each * weight**2
+            curve = 2.0 * nats / noise**2 * share * weight**2
+            blocks = [(basis.T * column) @ basis for column in curve.T]
+            found[name] = Cue(cost, (pull.T @ basis).ravel(), scipy.linalg.block_diag(*blocks))
         return found
 
 
@@ -236,7 +235,9 @@ class _Pairs:
         tried = []
         for slope in SLOPES[4::2]:
             square = 3.0 * (seen - slope * light) ** 2 / fitted.difference**2
-            tried.append(self._weight * (self._weights @ (square / (1.0 + square))) + self._of_slope * (1.0 - slope) ** 2)
+            tried.append(
+                self._weight * (self._weights @ (square / (1.0 + square))) + self._of_slope * (1.0 - slope) ** 2
+            )
         return np.asarray(np.min(tried, axis=0))
 
     def _best(self, squares: list[NDArray[np.float64]], fitted: Fitted) -> tuple[float, float]:

@@ -16,11 +16,12 @@ class Fitted(NamedTuple):
     contrast: independent patches of the contrast within materials.
     sky, sky_noise, sky_level: weight of the whole upper sky, and its noise in log radiance, of a part and of all of it:
     bands, tone curve, tint.
-    clipped: weight of a sky that was clipped all over.
+    clipped, clipped_level, clipped_noise: the same weight of a clipped sky, its usual log radiance, and the noise of that.
     albedo, albedo_spread: median albedo in luminance, and spread of its logarithm.
     warmth, warmth_spread, green, green_spread: mean log red over blue, and green over both, of albedo; spreads.
     color_spread: factor on the variance of the colour of natural lights.
-    sun: nats against a sun. decibels: of a relit result, by which it is uncertain for each unit of the spread of log light.
+    sun: nats against a sun. decibels: of a relit result, for each unit of the spread of log light: by so much it is
+    uncertain.
     """
 
     parallel: float
@@ -33,6 +34,8 @@ class Fitted(NamedTuple):
     sky_noise: float
     sky_level: float
     clipped: float
+    clipped_level: float
+    clipped_noise: float
     albedo: float
     albedo_spread: float
     warmth: float

@@ -16,8 +16,8 @@ HUE = 0.15
 """Log chroma that a material spans."""
 
 LEVEL, BENEATH = 0.7, -0.3
-"""Height of a normal from which a surface counts as level, and below which it hangs: floors and walls of one hue are not
-of one paint."""
+"""Height of a normal from which a surface counts as level, and below which it hangs: floors and walls of one hue are
+not of one paint."""
 
 OUTLIER = 0.5
 """Deviation of log colour within a material that counts half."""

@@ -1,4 +1,4 @@
-"""Natural light as a prior: mean and covariance of the log radiance of photographed lights, stationary about the vertical.
+"""Natural light as a prior: mean and covariance of the log radiance of photographed lights.
 
 A light map may be turned by any angle about the vertical, so that spherical harmonics of different orders are
 uncorrelated, and only those of order 0 have a mean: skies are brighter than the ground. Source: the statistics of
@@ -23,7 +23,7 @@ BANDS = 5
 """Of the log radiance: 25 numbers for each axis of colour. Narrower light is a sun."""
 
 AXES = np.array([luminance(np.eye(3)), [1.0, 0.0, -1.0], [-0.5, 1.0, -0.5]])
-"""(3, 3) log colour to log luminance, red over blue, green over both: rows of axes on which lights vary by themselves."""
+"""(3, 3) log colour to log luminance, red over blue, green over both: rows of axes on which lights vary apart."""
 
 FLOOR = 1e-3
 """Of the mean luminance: darker texels of a light map are noise of the camera."""
@@ -32,7 +32,7 @@ FREE_LEVEL = 4.0
 """Spread of the log brightness of a light, which says nothing: captures are exposed."""
 
 RIDGE = 0.02
-"""Part of the mean variance that is added to every coefficient, so that no direction of the prior is infinitely stiff."""
+"""Part of the mean variance that is added to every coefficient, so no direction of the prior is infinitely stiff."""
 
 KINDS = {
     "clear": ("clear sun", "partly"),

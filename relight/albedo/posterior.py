@@ -7,13 +7,14 @@ Levenberg and Marquardt's damping finds the most probable light of each kind; La
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Directions, Floats, Mask, Vector
 from splat2mesh.scene.color import luminance
 
 from ..sh import harmonics
-from .evidence import LUMA, Cue, Evidence
+from .evidence import LUMA, Cue, Evidence, upper_sky
 from .natural import AXES, NaturalLight, log_radiance
 
 STEPS, LEAST_GAIN = 14, 0.1
@@ -34,11 +35,30 @@ SUN_SHARES = (0.2, 0.4, 0.6)
 APART_DEG, SUNS = 15.0, 2
 """Least angle between suns that are fitted, and how many are."""
 
-SUN_STRENGTH, SUN_COLOR = 3.0, 0.5
-"""Spread of the log radiance that a sun adds at its middle, and of its colour."""
+HEIGHT, HEIGHT_COLOR = 3.0, 0.5
+"""Spread of the log radiance that a sun adds at its middle, or a region of the sky, and of its colour."""
+
+MOSTLY = 0.6
+"""Part of a direction that was seen without a sun, where none stands."""
 
 AROUND_DEG = 35.0
 """Suns are sought so near to the brightest direction of the light without one."""
+
+
+class Region(NamedTuple):
+    """A part of the sky that is brighter, or darker, than harmonics have it: that was clipped, or seen unclipped.
+
+    directions: (K, 3). share: (K,) of each in it. log_height: (3,) log radiance that it adds.
+    """
+
+    directions: Directions
+    share: NDArray[np.float64]
+    log_height: NDArray[np.float64]
+
+    def at(self, directions: Directions) -> NDArray[np.float64]:
+        """(D, 3) log radiance that it adds at directions (D, 3)."""
+        nearest = scipy.spatial.cKDTree(self.directions).query(directions)[1]
+        return self.share[nearest][:, None] * self.log_height
 
 
 class Lobe(NamedTuple):
@@ -53,10 +73,11 @@ class Lobe(NamedTuple):
 
 
 class Light(NamedTuple):
-    """A light that may have lit the capture. coefficients: (K, 3) harmonics of its log radiance. sun: Lobe or None.
-    nats: of its cues and prior. share: of the posterior. variances: (N,) of the log luminance that places receive."""
+    """A light that may have lit the capture. coefficients: (K, 3) harmonics of its log radiance, beside the regions of
+    the sky. sun: Lobe or None. nats: of its cues and prior. share: of the posterior. variances: (N,) of the log luminance that places receive."""
 
     coefficients: NDArray[np.float64]
+    regions: tuple[Region, ...]
     sun: Lobe | None
     nats: dict[str, float]
     share: float
@@ -65,7 +86,9 @@ class Light(NamedTuple):
     def radiance(self, directions: Directions) -> NDArray[np.float64]:
         """(D, 3) at directions (D, 3)."""
         logs = log_radiance(self.coefficients, directions)
-        return np.asarray(np.exp(np.clip(logs if self.sun is None else logs + self.sun.at(directions), -30.0, 30.0)))
+        for part in (*self.regions, *(() if self.sun is None else (self.sun,))):
+            logs = logs + part.at(directions)
+        return np.asarray(np.exp(np.clip(logs, -30.0, 30.0)))
 
 
 class _Optimum(NamedTuple):
@@ -83,13 +106,15 @@ def lights_of(
     sunless: bool = False,  # whether the sky is known to hide it
 ) -> list[Light]:
     """The lights that may have lit a capture, the likeliest first; shares sum to 1."""
-    directions = evidence.places.directions
-    basis = harmonics.evaluate(directions, prior.bands)
-    start = prior.mean + np.eye(len(prior.mean), 1) * _level(evidence, basis @ prior.mean)
-    smooth = _solved(evidence, basis, start, prior.precision, start)
+    directions, shares = evidence.places.directions, _regions(evidence)
+    basis = np.column_stack([harmonics.evaluate(directions, prior.bands), shares])
+    start = np.vstack([prior.mean, np.zeros((shares.shape[1], 3))])
+    start[0] += _level(evidence, basis @ start)
+    precision = _with_heights(prior.precision, shares.shape[1])
+    smooth = _solved(evidence, basis, start, precision, start)
     found: list[tuple[Lobe | None, _Optimum]] = [(None, smooth)]
     if not sunless:
-        wider = _with_sun(prior.precision)
+        wider = _with_heights(precision, 1)
         for direction, share, height in _suns(evidence, np.exp(basis @ smooth.parameters), sun):
             lobes = np.column_stack([basis, _lobe(directions, direction)])
             begin = np.vstack([smooth.parameters, np.full((1, 3), height)])
@@ -113,7 +138,7 @@ def mean_radiance(lights: list[Light], directions: Directions) -> NDArray[np.flo
 
 
 def spread(evidence: Evidence, lights: list[Light]) -> float:
-    """Root mean square, over places, of the uncertainty of the log light they receive, its mean over the places aside."""
+    """Root mean square, over places, of the uncertainty of their log light, its mean over places aside."""
     directions = evidence.places.directions
     logs = [np.log(luminance(evidence.received(np.log(light.radiance(directions))).total)) for light in lights]
     shares = np.array([light.share for light in lights])
@@ -123,21 +148,28 @@ def spread(evidence: Evidence, lights: list[Light]) -> float:
 
 
 def exposed(evidence: Evidence, log_light: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(3,) log exposure, in each colour, of a light known up to it: log radiance (K, 3) at the directions of the places."""
+    """(3,) log exposure, in each colour, of a light known up to it: log radiance (K, 3)."""
     basis = np.ones((len(log_light), 1))
-    start = np.full((1, 3), _level(evidence, log_light)[0, 0] / np.sqrt(4.0 * np.pi))
+    start = np.full((1, 3), _level(evidence, log_light) / np.sqrt(4.0 * np.pi))
     axes = np.array([1e-2, 10.0, 10.0])  # brightness is free, and a camera's white balance within .3
     precision = np.einsum("q,qa,qb->ab", axes, AXES, AXES)
     return _solved(evidence, basis, start, precision, start, log_light).parameters[0]
 
 
-def _level(evidence: Evidence, log_light: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(1, 3) to add to harmonics, so that the median direct light makes surfaces as light as is usual, before bounces."""
+def _regions(evidence: Evidence) -> NDArray[np.float64]:
+    """(K, R) shares of directions in the regions of a captured sky: clipped, and seen unclipped; R = 0 without one."""
+    if evidence.sky is None:
+        return np.zeros((len(evidence.places.directions), 0))
+    parts = np.stack([part.mean(axis=1) for part in (evidence.sky.clipped, evidence.sky.seen)], axis=1)
+    return np.asarray(np.clip(3.0 * parts / upper_sky(evidence.places.directions), 0.0, 1.0))
+
+
+def _level(evidence: Evidence, log_light: NDArray[np.float64]) -> float:
+    """To add to the mean harmonic, so that the median direct light makes the median albedo usual."""
     places = evidence.places
     direct = luminance(places.sky @ np.exp(log_light).astype(np.float32))
     wanted = np.median(luminance(places.captured)) / evidence.fitted.albedo
-    level = np.log(wanted / max(float(np.median(direct)), 1e-9)) * np.sqrt(4.0 * np.pi)
-    return np.full((1, 3), level)
+    return float(np.log(wanted / max(float(np.median(direct)), 1e-9)) * np.sqrt(4.0 * np.pi))
 
 
 def _solved(
@@ -196,8 +228,8 @@ def _sums(cues: dict[str, Cue]) -> tuple[NDArray[np.float64], NDArray[np.float64
 
 
 def _suns(evidence: Evidence, radiance: NDArray[np.float64], known: Vector | None) -> list[tuple[Vector, float, float]]:
-    """Suns that may stand beside a light (K, 3): direction, share of the mean direct light, and log height; the likeliest
-    first."""
+    """Suns that may stand beside a light (K, 3), the likeliest first: direction, share of the mean direct light, and log
+    height."""
     places, light = evidence.places, luminance(radiance)
     directions = places.directions
     if known is not None:
@@ -228,26 +260,21 @@ def _open_to_suns(evidence: Evidence, directions: Directions, light: NDArray[np.
     """(K,) bool: above the horizon, around the brightest of these, and where no sky was seen without a sun."""
     free = directions[:, 1] > 0.0
     if evidence.sky is not None:
-        whole = evidence.sky.seen + evidence.sky.clipped
-        free &= evidence.sky.seen.mean(axis=1) <= 0.6 * np.maximum(_upper(directions), whole.mean(axis=1))
+        free &= _regions(evidence)[:, 1] < MOSTLY
     if not free.any():
         return free
     brightest = directions[np.argmax(np.where(free, light, 0.0))]
     return np.asarray(free & (directions @ brightest > np.cos(np.radians(AROUND_DEG))))
 
 
-def _upper(directions: Directions) -> NDArray[np.float64]:
-    weight = np.maximum(directions[:, 1], 0.0) + 0.2
-    return np.asarray(weight / weight.sum())
-
-
-def _with_sun(precision: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The prior's precision (3 K, 3 K) with that of a sun's log height as one more parameter of each colour."""
+def _with_heights(precision: NDArray[np.float64], more: int) -> NDArray[np.float64]:
+    """A prior's precision (3 M, 3 M) with that of log heights as so many more parameters of each colour."""
     count = len(precision) // 3
-    wider = np.zeros((3, count + 1, 3, count + 1))
+    wider = np.zeros((3, count + more, 3, count + more))
     wider[:, :count, :, :count] = precision.reshape(3, count, 3, count)
-    wider[:, count, :, count] = np.outer(LUMA, LUMA) / SUN_STRENGTH**2 + AXES[1:].T @ AXES[1:] / SUN_COLOR**2
-    return wider.reshape(3 * (count + 1), -1)
+    for row in range(count, count + more):
+        wider[:, row, :, row] = np.outer(LUMA, LUMA) / HEIGHT**2 + AXES[1:].T @ AXES[1:] / HEIGHT_COLOR**2
+    return wider.reshape(3 * (count + more), -1)
 
 
 def _lobe(directions: Directions, middle: Vector) -> NDArray[np.float64]:
@@ -263,6 +290,9 @@ def _described(evidence: Evidence, basis: Floats, lobe: Lobe | None, best: _Opti
     change = evidence.received(basis @ best.parameters, basis).of_luminance()
     change = change - change.mean(axis=0)
     variances = np.einsum("nm,mn->n", change, np.linalg.solve(best.curvature, change.T))
-    smooth = (best.parameters if lobe is None else best.parameters[:-1]).copy()
+    shares = _regions(evidence)
+    smooth = best.parameters[: len(best.parameters) - (lobe is not None)].copy()
     smooth[0] += evidence.brightness(basis @ best.parameters) * np.sqrt(4.0 * np.pi)
-    return Light(smooth, lobe, {name: cue.nats for name, cue in best.cues.items()}, share, variances)
+    bands = len(smooth) - shares.shape[1]
+    regions = tuple(Region(directions, *each) for each in zip(shares.T, smooth[bands:], strict=True))
+    return Light(smooth[:bands], regions, lobe, {name: cue.nats for name, cue in best.cues.items()}, share, variances)

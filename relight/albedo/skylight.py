@@ -10,7 +10,7 @@ from splat2mesh.base.arrays import Directions, Floats
 from splat2mesh.base.sphere import row_solid_angles, texel_directions
 from splat2mesh.scene.measured import CapturedSky
 
-from .evidence import SeenSky
+from .evidence import SeenSky, upper_sky
 
 GROUND = 0.2
 """Ratio of invisible light below the horizon to that above: the albedo of the ground around."""
@@ -24,9 +24,6 @@ those of a room no more than its windows and the holes of its mesh let in."""
 
 LEAST_SEEN = 0.1
 """Part of a direction that must have been seen unclipped for its radiance to count."""
-
-SIDE = 0.2
-"""Weight of a sky at the horizon beside that at the zenith: upright surfaces see it."""
 
 
 class SkyParts(NamedTuple):
@@ -73,8 +70,7 @@ def seen_sky(sky: CapturedSky, directions: Directions) -> SeenSky:
     below = np.where(directions[:, 1:2] < 0.0, GROUND, 1.0)
     seen = np.clip(1.0 - parts.unseen / below - parts.clipped, 0.0, 1.0)
     radiance = np.clip(parts.known - parts.clipped, 0.0, None) / np.maximum(seen, 1e-6)
-    upper = np.maximum(directions[:, 1:2], 0.0) + SIDE
-    weight = upper / (3.0 * upper.sum())
+    weight = upper_sky(directions) / 3.0
     counted = seen * (seen > LEAST_SEEN)
     return SeenSky(np.log(np.maximum(radiance, 1e-4)), weight * counted, weight * parts.clipped)
 

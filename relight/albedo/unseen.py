@@ -8,8 +8,8 @@ from splat2mesh.base.arrays import Floats
 from ..transfer.occluder import Occluder
 
 THICKEST = 0.04
-"""Of a wall, in the unit frame. On five generated open rooms and gardens, 89 to 98% of what is found in rooms are backs,
-and 57 to 78% of all backs are found."""
+"""Of a wall, in the unit frame. In two generated open rooms 89 and 98% of what is found are backs, and 78
+and 57% of all backs are found."""
 
 ALIKE = 0.35
 """Largest difference of log colour between both sides: a side that was seen has a colour of its own."""

@@ -12,7 +12,7 @@ from splat2mesh.base.inputs import load_array
 from splat2mesh.scene.measured import CapturedSky
 from splat2mesh.scene.scene import Scene
 
-from ..albedo.check import AMBIGUOUS, drawn_to_none, share_kept
+from ..albedo.check import drawn_to_none
 from ..albedo.interior import closed_part, room_notice
 from ..albedo.seen import looks_from, standing
 from ..albedo.skylight import LEAST_VISIBLE, visible_part
@@ -30,7 +30,7 @@ CHOICES = ("estimated", "captured", "white")
 
 LEAST_ALBEDO = 0.02  # to divide by
 
-WAY = 19
+WAY = 20
 """Version of the estimate of light and albedo. It increases when the numbers change, and invalidates cached
 estimates."""
 
@@ -48,8 +48,7 @@ class Appearance(NamedTuple):
     None. capture: dict for the report, None without an estimate. trust: (V,) in [0, 1], the share of a change of light
     that each vertex of a splat takes; None for all of it. kept: whether all colours stay as captured. room: the Room of
     a closed room whose lamps and windows were separated, or None. environment: the estimated captured light, in the
-    unit of `captured` and the frame of the scene, or None. ambiguity: of its Estimate.
-    """
+    unit of `captured` and the frame of the scene, or None."""
 
     albedo: NDArray[np.float32] | None
     captured: NDArray[np.float32]
@@ -60,7 +59,6 @@ class Appearance(NamedTuple):
     kept: bool = False
     room: "Room | None" = None
     environment: "Environment | None" = None
-    ambiguity: float = 0.0
 
     def received(self, radiance: NDArray[np.float32], exposure: float = 1.0) -> NDArray[np.float32]:
         """(V, 3) float32 irradiance of vertices with exit radiance (V, 3): the radiance over the albedo.
@@ -74,20 +72,18 @@ class Appearance(NamedTuple):
             radiance = np.asarray(radiance / np.maximum(self.albedo, np.float32(LEAST_ALBEDO)), np.float32)
         if self.trust is None:
             return radiance
-        share = np.float32(share_kept(self.irradiance, radiance, self.ambiguity))
-        return drawn_to_none(self.irradiance, radiance, share * self.trust)
+        return drawn_to_none(self.irradiance, radiance, self.trust)
 
 
 def appearance_of(
     choice: "str | os.PathLike[str] | NDArray[np.floating]",
     capture_env: "Environment | None",
     relighter: "Relighter",
-    reflected: NDArray[np.float64] | None = None,
 ) -> Appearance:
     """Return the Appearance for a choice of `albedo`.
 
     choice: one of CHOICES, or linear albedo (V, 3), as an array or a .npy file. capture_env: the known Environment of
-    the capture, or None. reflected: the shape of the light that gloss shows, see `albedo.estimate`. Where the light
+    the capture, or None. Where the light
     cannot be separated, the captured colours serve as albedo, with a DataWarning.
     Raises InputError for an albedo that does not fit.
     """
@@ -105,7 +101,7 @@ def appearance_of(
         return _given(None, captured)
     if choice != "estimated":
         return _given(_read(choice, len(captured)), captured)
-    return _without_light(captured, capture_env, relighter, reflected)
+    return _without_light(captured, capture_env, relighter)
 
 
 def _given(albedo: NDArray[np.float32] | None, captured: NDArray[np.float32]) -> Appearance:
@@ -117,17 +113,16 @@ def _without_light(
     captured: NDArray[np.float32],
     capture_env: "Environment | None",
     relighter: "Relighter",
-    reflected: NDArray[np.float64] | None,
 ) -> Appearance:
     from ..albedo import Prior
     from ..light.environment import Environment
     from ..rooms.keeping import room_from
 
     cache, capture_env = relighter.cache, _known(capture_env, relighter)
-    key = _key(captured, capture_env, relighter, reflected)
+    key = _key(captured, capture_env, relighter)
     kept = cache.restored(lambda arrays: _checked_estimate(arrays, captured.shape), "albedo", *key)
     if kept is None:
-        kept = _of_objects(captured, capture_env, relighter, reflected)
+        kept = _of_objects(captured, capture_env, relighter)
         cache.put("albedo", *key, **kept)
     room = room_from(kept)
     if kept["closed"]:
@@ -135,11 +130,6 @@ def _without_light(
     elif not kept["separable"]:
         message = f"the light of the capture could not be separated from the colours of the scene: {kept['reason']}"
         warnings.warn(f"{message}; the captured colours serve as albedo", DataWarning, stacklevel=3)
-    unsure = float(kept["light_ambiguity"]) if "light_ambiguity" in kept else 0.0
-    if unsure > AMBIGUOUS:
-        message = f"several lights explain this capture and differ by {unsure:.0%} on its surfaces"
-        message += ": smaller changes of light are weakened (--capture-env FILE names the right one)"
-        warnings.warn(message, DataWarning, stacklevel=3)
     described = {name: kept[name].tolist() for name in _DESCRIBED}
     estimated = "estimated, with the captured sky" if kept["under_sky"] else "estimated"
     described["light"] = estimated if capture_env is None else capture_env.name
@@ -153,7 +143,7 @@ def _without_light(
     sky = room.environment if room is not None else None
     if room is None:
         sky = Environment(kept["environment"], "captured", float(kept["light_turn"]))
-    return look._replace(kept=described["left_as_captured"], room=room, environment=sky, ambiguity=unsure)
+    return look._replace(kept=described["left_as_captured"], room=room, environment=sky)
 
 
 def _known(capture_env: "Environment | None", relighter: "Relighter") -> "Environment | None":
@@ -194,12 +184,11 @@ def _key(
     captured: NDArray[np.float32],
     capture_env: "Environment | None",
     relighter: "Relighter",
-    reflected: NDArray[np.float64] | None,
 ) -> tuple[str, int]:
     """The cache key of an estimate."""
     sky = _sky_of(relighter.scene)
     parts = [] if sky is None else [sky.radiance, sky.bound, sky.clipped]
-    parts += [standing(relighter.scene), np.array(WAY)] + ([] if reflected is None else [reflected])
+    parts += [standing(relighter.scene), np.array(WAY)]
     parts += [np.array(relighter.options.pointed_at)] if relighter.options.pointed_at else []
     parts += relighter.said.key
     if capture_env is not None and capture_env.rotation_deg:
@@ -217,12 +206,10 @@ def bounced_light(relighter: "Relighter") -> NDArray[np.float32]:
     return np.asarray(known.interreflection.bounce(scene.colors_linear), np.float32)
 
 
-def albedo_kept(
-    capture_env: "Environment | None", relighter: "Relighter", reflected: NDArray[np.float64] | None = None
-) -> NDArray[np.float32] | None:
+def albedo_kept(capture_env: "Environment | None", relighter: "Relighter") -> NDArray[np.float32] | None:
     """The albedo (V, 3) of a cached estimate, or None. A plan calls this, since it must not estimate anything."""
     captured, capture_env = relighter.scene.colors_linear, _known(capture_env, relighter)
-    key = _key(captured, capture_env, relighter, reflected)
+    key = _key(captured, capture_env, relighter)
     kept = relighter.cache.restored(lambda arrays: _checked_estimate(arrays, captured.shape), "albedo", *key)
     return None if kept is None else kept["albedo"]
 
@@ -237,7 +224,6 @@ def _of_objects(
     captured: NDArray[np.float32],
     capture_env: "Environment | None",
     relighter: "Relighter",
-    reflected: NDArray[np.float64] | None,
 ) -> dict[str, Any]:
     """Dict of arrays of the estimate. Each object of a layout is estimated by itself, under its own captured light.
 
@@ -247,12 +233,12 @@ def _of_objects(
 
     scene, objects = relighter.scene, relighter.scene.source.get("objects")
     if not objects or len(objects) == 1:
-        return _estimated(captured, capture_env, relighter, reflected, relighter.said)
+        return _estimated(captured, capture_env, relighter, relighter.said)
     ends = np.cumsum([0, *(len(chunk.vertices) for chunk in scene.chunks)])
     parts = []
     for first, last in (each["chunks"] for each in objects):
         alone = Relighter(Scene(scene.chunks[first:last]), seed=relighter.seed, stages=relighter.stages)
-        parts.append(_estimated(captured[ends[first] : ends[last]], capture_env, alone, None, relighter.said))
+        parts.append(_estimated(captured[ends[first] : ends[last]], capture_env, alone, relighter.said))
     kept = dict(max(parts, key=lambda part: len(part["albedo"])))
     for name in ("albedo", "irradiance", "trust"):
         kept[name] = np.concatenate([part[name] for part in parts])
@@ -266,7 +252,6 @@ def _estimated(
     captured: NDArray[np.float32],
     capture_env: "Environment | None",
     relighter: "Relighter",
-    reflected: NDArray[np.float64] | None,
     said: "Said",
 ) -> dict[str, Any]:
     from ..albedo import CaptureEvidence, estimate, with_known_light
@@ -278,7 +263,6 @@ def _estimated(
         scene, sky = relighter.scene, _sky_of(relighter.scene)
         looks = looks_from(scene, relighter.occluder)
         seen = None if looks is None else looks.sizes(len(captured))
-        volume = None if scene.measured is None else scene.measured.vertex_volume
         part, hopeless = closed_part(scene, relighter.occluder, visible_fraction(known.transfer)), ""
         if part is not None:
             from ..rooms.keeping import as_arrays
@@ -290,7 +274,7 @@ def _estimated(
                 return as_arrays(room, room_notice(part, room.report))
             hopeless = room_notice(part, None, hopeless)
         if capture_env is None:
-            evidence = CaptureEvidence(sky, looks, volume, reflected, hopeless, said)
+            evidence = CaptureEvidence(sky, looks, hopeless, said)
             found = estimate(relighter.occluder, captured, relighter.seed, transport=known, evidence=evidence)
         else:
             part, evidence = None, CaptureEvidence(sky, looks, said=said)
@@ -300,7 +284,7 @@ def _estimated(
     return {
         **check,
         "under_sky": np.array(found.under_sky),
-        "light_ambiguity": np.array(found.ambiguity),
+        "light_spread": np.array(found.spread),
         "closed": np.array(part is not None),
         "light_turn": np.array(found.environment.rotation_deg),
         "albedo": found.albedo,
@@ -311,7 +295,7 @@ def _estimated(
     }
 
 
-_CHECKED = ("self_relight_db", "mesh_self_relight_db", "distrusted_share", "light_ambiguity")
+_CHECKED = ("self_relight_db", "mesh_self_relight_db", "distrusted_share", "light_spread")
 
 _DESCRIBED = ("separable", "reason", "evidence", "direction", "concentration", "color", "brightness")
 

@@ -1,16 +1,14 @@
 """Gloss: the reflected part of a captured colour, its roughness and strength, and the reflection of a new light.
 
 found = observed(binding, looks, ...)              which patches reflect, from pictures of the splat
-shape = reflected_light(found)                     the light that they agree on, up to its scale
 gloss = materials(found, captured_light)           reflectance and roughness of every node
 Reflections(binding, ...).relit(splats, ...)       harmonics of degree 3 with the new reflections
 SceneGloss(scene, splats, ...)                     all of it for one scene, kept and in any light
 """
 
-from .agreement import reflected_light
 from .fits import PatchFits, observed
 from .material import Gloss, materials
 from .reflections import Reflections
 from .scene_gloss import SceneGloss
 
-__all__ = ["Gloss", "PatchFits", "Reflections", "SceneGloss", "materials", "observed", "reflected_light"]
+__all__ = ["Gloss", "PatchFits", "Reflections", "SceneGloss", "materials", "observed"]

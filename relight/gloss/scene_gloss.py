@@ -13,7 +13,7 @@ from splat2mesh.splats.splats import Splats
 
 from ..sh import harmonics
 from ..transfer.store import Cache, array_key
-from .agreement import hints_at_gloss, reflected_light
+from .agreement import hints_at_gloss
 from .fits import PatchFits, observed
 from .gloss_plan import GlossPlan, plan_gloss
 from .material import Gloss, materials
@@ -93,13 +93,6 @@ class SceneGloss:
     def known(self) -> bool:
         """Whether `fits` takes no work."""
         return self._splats.degree < LEAST_DEGREE or self._kept is not None or "fits" in self.__dict__
-
-    @cached_property
-    def shape(self) -> NDArray[np.float64] | None:
-        """The shape of an object's captured light that reflections show, of `reflected_light`, where enough agree."""
-        if self._scene.is_place or self.fits is None:
-            return None
-        return reflected_light(self.fits)
 
     def of(self, look: "Appearance") -> Gloss | None:
         """The Gloss of the scene under its captured light, or None without gloss."""

@@ -80,7 +80,7 @@ class Job(KnownScene):
         relighter = self.relighter
         light = self._capture_env()
         known = self.gloss is None or self.gloss.known
-        albedo = None if not known else albedo_kept(light, relighter, self._reflected)
+        albedo = None if not known else albedo_kept(light, relighter)
         note = "" if albedo is not None else "the albedo is not estimated yet: planned with the captured colours"
         used = self.scene.colors_linear if albedo is None else albedo
         return relighter.plan_for(self.environment, used, len(self.request.angles_deg)), note

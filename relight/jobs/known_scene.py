@@ -7,7 +7,6 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from splat2mesh.base.beside import Beside
 from splat2mesh.base.errors import DataWarning, InputError
@@ -171,17 +170,13 @@ class KnownScene(Inputs):
     def _lamp_light(self) -> "LampLight | None":
         return self.beside.lamp_light if self.mixes else None
 
-    @property
-    def _reflected(self) -> NDArray[np.float64] | None:
-        return None if self.gloss is None else self.gloss.shape
-
     @cached_property
     def appearance(self) -> Appearance:
         """Albedo and captured colours of the surfaces."""
         relighter = self.relighter
         with self.stages.stage("load"):
             capture_env = self._capture_env()
-        look = self._retinted(appearance_of(self._choice, capture_env, relighter, self._reflected))
+        look = self._retinted(appearance_of(self._choice, capture_env, relighter))
         if self.options.opened:  # a room whose own light is not known is lit by its captured colours
             return look._replace(kept=False)
         shut = look.room is not None and look.room.report["windows"] is None

@@ -1,4 +1,4 @@
-"""Captures of generated scenes under photographed lights, as arrays: what an estimate of the light needs, and the truth.
+"""Captures of generated scenes under photographed lights, as arrays: what an estimate needs, and the truth.
 
 A scene is meshed once, from splats laid out as training leaves them. Its splats take their true colours under each
 light, exposed as a photographer would, some with a tone curve; vertices take the colours of the splats around, and

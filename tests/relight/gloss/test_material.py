@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from relight.gloss.agreement import reflected_light
 from relight.gloss.fits import BANDS, KINDS, PatchFits, _sums
 from relight.gloss.ggx import fresnel_rise, zonal_factors
 from relight.gloss.material import ALPHAS, GLOSS, materials
@@ -107,30 +106,6 @@ def test_two_glossy_patches_may_be_chance_and_three_are_gloss():
 def test_a_plane_shows_nothing_for_sure():
     light = light_of(4)
     assert materials(fits_of(light, [GLAZE] * 4, curved=0.003), light) is None
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_patches_of_any_roughness_agree_on_the_light(seed):
-    light = light_of(seed)
-    found = reflected_light(fits_of(light, [GLAZE, RUBBED, (0.02, 0.2, False), (0.08, 0.15, False), MATTE]))
-    true = light @ [0.2126, 0.7152, 0.0722]
-    assert found[0] == 0.0  # differences of views do not show the mean
-    for degree in range(1, BANDS):
-        rows = DEGREE == degree
-        cosine = found[rows] @ true[rows] / np.linalg.norm(found[rows]) / np.linalg.norm(true[rows])
-        assert cosine > (0.98 if degree < 4 else 0.95), degree
-
-
-def test_noise_agrees_on_no_light():
-    assert reflected_light(fits_of(light_of(0), [MATTE] * 8, noise=0.05)) is None
-    assert reflected_light(fits_of(light_of(0), [GLAZE] * 2)) is None  # too few
-
-
-def test_each_patch_may_have_a_light_of_its_own_and_then_none_is_found():
-    parts = [fits_of(light_of(number), [GLAZE]) for number in range(6)]
-    fields = zip(*parts, strict=True)
-    fits = PatchFits(*(np.concatenate(each) for each in fields))._replace(patch=np.arange(6, dtype=np.int32))
-    assert reflected_light(fits) is None
 
 
 def test_sums_are_restored_and_damaged_ones_are_refused():
