@@ -66,7 +66,7 @@ def test_the_chosen_light_is_used_until_it_is_ignored_or_no_more(folder):
 
 
 def test_a_choice_survives_another_offer_and_nothing_else_does(folder):
-    first, second = read_lights(folder / NAME).candidates
+    second = read_lights(folder / NAME).candidates[1]
     choose(folder, second)
     offer(folder, [(AFTERNOON, light(5))])
     lights = read_lights(folder / NAME)
@@ -154,7 +154,7 @@ def test_damaged_files_are_refused_in_one_line(folder):
     with pytest.raises(InputError, match="no such file"):
         known_light(1, folder)
     (folder / NAME).write_text("{")
-    with pytest.raises(InputError, match="not readable JSON.*or ignore it with `captured_light` auto"):
+    with pytest.raises(InputError, match=r"not readable JSON.*or ignore it with `captured_light` auto"):
         known_light(None, folder)
     assert known_light("auto", folder) is None
 
