@@ -55,7 +55,7 @@ WORDS: dict[str, Iterable[str]] = {
 """Words that shells offer as values of options."""
 
 
-class Sun(argparse.Action):
+class AnySun(argparse.Action):
     """A sun, which the words after it describe: the captured one, or that of the new light."""
 
     def __call__(self, parser: Any, namespace: Any, values: Any, option_string: str | None = None) -> None:
@@ -123,7 +123,7 @@ def parser() -> argparse.ArgumentParser:
     captured = "fraction of the captured light that stays, 0 for night (default: 1 beside lamps, 0 under another light)"
     add("--captured", type=float, metavar="FACTOR", help=captured)
     sun = "replaces --env by the clear sky of a date and time with its zone (2026-06-21T19:30+02:00)"
-    add("--sun", action=Sun, metavar="TIME", help=sun)
+    add("--sun", action=AnySun, metavar="TIME", help=sun)
     where = "latitude and longitude for the --sun or --captured-sun before it (48.85,2.35); position of the --insert "
     where += "before it, or else of a probe (1.55,0,-.6)"
     add("--at", action=OfInsert, metavar="LAT,LON|X,Y,Z", help=where)
@@ -154,7 +154,7 @@ def parser() -> argparse.ArgumentParser:
     add("--capture-env", metavar="FILE", help=capture)
     known = "the sun of the capture, if you know it: date and time with its zone, with --at and --north after it, or "
     known += "azimuth from north, clockwise, and height in degrees (210,35)"
-    add("--captured-sun", action=Sun, metavar="TIME|AZIMUTH,HEIGHT", help=known)
+    add("--captured-sun", action=AnySun, metavar="TIME|AZIMUTH,HEIGHT", help=known)
     above = f"the sky of the capture: {', '.join(CAPTURED_SKIES)}, or a file of light"
     add("--captured-sky", metavar="KIND|FILE", help=above)
     likely = "the light of the capture: the number of a likely one that an estimate offered in the scene folder, or a "

@@ -47,10 +47,11 @@ class Said:
         return cls(None if sun is None else np.asarray(sun, np.float64), sky, known_light(light, folder))
 
     @property
-    def key(self) -> "list[NDArray[Any] | None]":
+    def key(self) -> list[NDArray[Any]]:
         """Arrays that identify the sun and the sky, for a cache; none where nothing is said of them."""
         if self.sun is None and self.sky is None:
             return []
+        sun = np.zeros(0) if self.sun is None else self.sun
         if self.sky is None or isinstance(self.sky, str):
-            return [self.sun, np.array(self.sky or "unknown")]
-        return [self.sun, self.sky.radiance, np.array(self.sky.rotation_deg)]
+            return [sun, np.array(self.sky or "unknown")]
+        return [sun, self.sky.radiance, np.array(self.sky.rotation_deg)]

@@ -179,7 +179,7 @@ def known_light(choice: Any, folder: str | os.PathLike[str] | None) -> "Environm
         For a number that no candidate has, and for what is missing or damaged.
     """
     if hasattr(choice, "radiance"):
-        return choice  # type: ignore[no-any-return]
+        return choice
     found = light_file(choice, folder)
     return None if found is None else read_environment(*found)
 

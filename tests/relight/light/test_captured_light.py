@@ -51,7 +51,7 @@ def test_what_was_offered_is_read_back(folder):
 
 def test_the_chosen_light_is_used_until_it_is_ignored_or_no_more(folder):
     assert known_light(None, folder) is None
-    _first, second = read_lights(folder / NAME).candidates
+    first, second = read_lights(folder / NAME).candidates
     choose(folder, second)
     assert known_light(None, folder).rotation_deg == 30.0 and known_light(None, folder).name == "cloudy"
     assert known_light("auto", folder) is None
@@ -66,7 +66,7 @@ def test_the_chosen_light_is_used_until_it_is_ignored_or_no_more(folder):
 
 
 def test_a_choice_survives_another_offer_and_nothing_else_does(folder):
-    _first, second = read_lights(folder / NAME).candidates
+    second = read_lights(folder / NAME).candidates[1]
     choose(folder, second)
     offer(folder, [(AFTERNOON, light(5))])
     lights = read_lights(folder / NAME)
