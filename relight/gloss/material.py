@@ -31,7 +31,7 @@ def roughness_factors() -> NDArray[np.float64]:
 
 @dataclass(frozen=True)
 class GlossCalibration:
-    """From when on a patch is glossy.
+    """The evidence from which a patch counts as glossy.
 
     least_explained: share of what depends on the view that the reflected light explains, both halves of the places
     asked of the other. sure_explained, sure_patches: share, and number of curved patches that have it, from which on

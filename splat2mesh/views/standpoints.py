@@ -119,7 +119,7 @@ def standpoints(
     seed: int = 0,
     up: Vector | None = None,
 ) -> Standpoints:
-    """Find out how a splat was captured, or obey.
+    """Find how a splat was captured, or take the given answer.
 
     splats: cleaned Splats. bounds: (2, 3) box of their foreground. choice: one of CHOICES. hints: (3,) places where an
     eye shall stand, in the splats' frame. seed: of the places that are tried. up: (3,) unit, in the splats' frame:
