@@ -1,4 +1,4 @@
-"""A scene and a light, from files to radiance. Every stage runs on first use; `writing` writes the results.
+"""A scene and a light, from files to radiance. Every stage runs on first use; `writer` writes the results.
 
 job = Job(RelightRequest("garden", "sunset", LightingOptions(tolerance=0.02), angles_deg=(45.0,)))
 job.plan                load, albedo, plan
@@ -43,7 +43,6 @@ OF_ONE_LIGHT = frozenset({"environment", "plan", "lights", "room", "beside"})
 
 OF_SURFACES = frozenset({"glb", "ply", "npy", "png", "splat"})
 """Formats that need nothing but the light of the surfaces."""
-
 
 class Job(KnownScene):
     """A relight request, processed stage by stage. Every stage reads and computes on first use.
