@@ -49,7 +49,7 @@ def reflected_light(fits: PatchFits) -> NDArray[np.float64] | None:
     if found is None:
         return None
     light, strength, factor = found
-    # Each half of the places is asked with the strength that the other half gives.
+    # Each half of the places is judged with the strength of the other half.
     shape = roughness_factors()[factor][:, :, None] * light
     along = np.einsum("pkc,phkc->ph", shape, moments)
     square = np.einsum("pkc,phkl,plc->ph", shape, gram, shape)

@@ -44,6 +44,7 @@ OF_ONE_LIGHT = frozenset({"environment", "plan", "lights", "room", "beside"})
 OF_SURFACES = frozenset({"glb", "ply", "npy", "png", "splat"})
 """Formats that need nothing but the light of the surfaces."""
 
+
 class Job(KnownScene):
     """A relight request, processed stage by stage. Every stage reads and computes on first use.
 

@@ -48,7 +48,7 @@ BATCH = 1 << 16
 """Vertices whose rays are traced at once."""
 
 OUTDOORS = 0.35
-"""Part of the sky from which on a surface stands outside, seen through a window: sills have up to a half of it."""
+"""Part of the sky above which a surface stands outside, seen through a window: sills have up to a half of it."""
 
 
 def hidden_volumes(scene: Scene, occluder: Occluder) -> NDArray[np.float32]:
