@@ -11,7 +11,7 @@ PROXY_ERROR = 2.5
 
 
 FEWER = 1.1
-"""Requested vertices per vertex of the mesh from which on the summary says that the surface has no more."""
+"""Requested vertices per vertex of the mesh above which the summary says that the surface has no more."""
 
 
 def summary_of(scene: Scene, output: Path, seconds: float | None = None) -> list[str]:

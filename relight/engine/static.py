@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 SPARING_FROM = 6e-4
-"""Error that suns may leave from which on some rays to them are spared: at least that of a tolerance of 1%, of which
+"""Error that suns may leave above which some rays to them are spared: at least that of a tolerance of 1%, of which
 sparing takes .0025 at most (two gardens of leaves and an object)."""
 
 

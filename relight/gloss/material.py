@@ -31,10 +31,10 @@ def roughness_factors() -> NDArray[np.float64]:
 
 @dataclass(frozen=True)
 class GlossCalibration:
-    """From when on a patch is glossy.
+    """The evidence from which a patch counts as glossy.
 
-    least_explained: share of what depends on the view that the reflected light explains, both halves of the places
-    asked of the other. sure_explained, sure_patches: share, and number of curved patches that have it, from which on
+    least_explained: share of what depends on the view that the reflected light explains, each half of the places judged
+    by the other. sure_explained, sure_patches: share, and number of curved patches that have it, above which
     anything in a scene is glossy: matte trained objects had at most one. least_reflectance: at normal incidence; less
     is shown by no display. metal_explained, metal_whole, metal_share: for a patch to be a metal, least explained share,
     least reflectance in one colour if all that it shows were reflected, and least share of that in its lobe. Noise of

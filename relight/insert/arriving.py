@@ -1,4 +1,4 @@
-"""Light that arrives at the place of an object from each direction, and what the object shows in its place."""
+"""Light that arrives at an object from each direction, and the radiance that the object shows in its place."""
 
 import numpy as np
 import scipy

@@ -46,7 +46,7 @@ def carried_through(values: NDArray, rounds: list[Integers], cut: Cut | None) ->
 class Masked(NamedTuple):
     """A surface with an alpha mask.
 
-    points: (V, 3). uv: (V, 2). opacity: (V,), factor on the alpha of the texture. cutoff: alpha from which on there is
+    points: (V, 3). uv: (V, 2). opacity: (V,), factor on the alpha of the texture. cutoff: alpha from which there is
     a surface.
     """
 

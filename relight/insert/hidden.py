@@ -1,7 +1,7 @@
-"""The shadow of a moved object without rays: what it hides of the light that arrived where it stood last.
+"""The shadow of a moved object without rays: the light at its last position that it hides.
 
-For each direction of that light a depth map of the object says which points lie behind it. The maps are drawn once; a
-moved or turned object takes them along. Other surfaces hide nothing more than they did at the old place.
+For each direction of that light a depth map of the object says which points lie behind it. The maps are drawn once;
+they move and turn with the object. Other surfaces occlude as they did at the old position.
 """
 
 from dataclasses import dataclass

@@ -90,7 +90,7 @@ def _reached(standing: Standing, at: Receiving) -> Mask:
 
 
 def _near(standing: Standing, scene: "Scene", splats: "Splats") -> NDArray[np.bool_]:
-    """Mask of the splats in reach, whichever way they face."""
+    """Mask of the splats in reach, regardless of orientation."""
     matrix = np.asarray(scene.scene_from_splat, np.float64)
     points = standing.frame.unit(splats.means.astype(np.float64) @ matrix[:3, :3].T + matrix[:3, 3])
     found = np.zeros(len(points), bool)

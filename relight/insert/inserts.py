@@ -52,7 +52,7 @@ LEAST_CHANGE = 0.004
 bit."""
 
 BURIED = 0.9
-"""Share of dark vertices from which on an object is inside a wall."""
+"""Share of dark vertices above which an object is inside a wall."""
 
 
 class Inserts:

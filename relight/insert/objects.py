@@ -29,7 +29,7 @@ FINENESS = 48
 """Least number of edges along the diagonal of an object, since its vertices carry the light."""
 
 MOST_FACES = 100_000
-"""Number of vertices from which on an object is not refined."""
+"""Number of vertices above which an object is not refined."""
 
 GREY = 0.5
 """Linear albedo of objects without colours."""
@@ -38,7 +38,7 @@ DARKEST, LIGHTEST = 0.02, 0.95
 """Range of albedo, as for captures: soot to fresh snow."""
 
 CUTOFF = 0.5
-"""Alpha from which on a mask leaves the surface, where the file gives none. Source: glTF 2.0, alphaCutoff."""
+"""Alpha from which a mask leaves the surface, where the file gives none. Source: glTF 2.0, alphaCutoff."""
 
 
 @dataclass(frozen=True, eq=False)

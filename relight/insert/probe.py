@@ -38,7 +38,7 @@ SURE, CLIPPED = 0.85, 0.98
 """Display values of the brightest channel up to which the splats show a sky as it was, and from which they clip it."""
 
 INSIDE = 0.5
-"""Share of directions that meet back faces, from which on the position is inside something."""
+"""Share of directions that meet back faces, above which the position is inside something."""
 
 
 class Light(NamedTuple):

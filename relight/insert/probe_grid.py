@@ -24,7 +24,7 @@ LOOKS = 256
 """Directions in which a probe looks for back faces."""
 
 BACKS = 0.25
-"""Share of directions that meet back faces, and more than front faces, from which on a probe is in a wall or ground."""
+"""Share of directions that meet back faces, and more than front faces, above which a probe is in a wall or ground."""
 
 
 @dataclass(frozen=True)

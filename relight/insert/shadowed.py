@@ -29,7 +29,7 @@ FINENESS = 20.0
 """Edges along the radius of the smallest object, in the region that it changes."""
 
 MOST_FACES = 600_000
-"""Number of faces in the changed region from which on none is subdivided."""
+"""Number of faces in the changed region above which none is subdivided."""
 
 SEEN_CHANGE = 0.01
 """Change of the logarithm of the light below which triangles stay as they are."""

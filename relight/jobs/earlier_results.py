@@ -48,12 +48,12 @@ def settings_of(request: "RelightRequest", env: "AnyLight", angle_deg: float) ->
     env : Environment, path or name
         One light of the request.
     angle_deg : float
-        By how much the results show it turned, its own rotation too.
+        The angle at which the results show it, its own rotation included.
 
     Notes
     -----
-    Files count by their content, since a path says nothing about it. What only some files depend on is there where
-    these are requested, and is compared where both calls have it.
+    Files count by their content, since a path says nothing about it. Settings that only some files depend on appear
+    where these are requested, and are compared where both calls have them.
     """
     found: dict[str, Any] = {
         "version": VERSION,
@@ -123,9 +123,9 @@ def is_results(folder: str | os.PathLike[str]) -> bool:
 def check_results(
     folder: str | os.PathLike[str], overwrite: bool, settings: Callable[[], dict[str, Any]] | None = None
 ) -> None:
-    """Refuse, before any work, a folder that may not be written; see `check_output`.
+    """Refuse, before any work, a folder that must not be written; see `check_output`.
 
-    settings: returns those of the results to be written; without, no folder is added to.
+    settings: returns those of the results to write; without it, no results are added to a folder.
     Raises InputError for a folder that cannot be made or holds something else, and, unless it may be overwritten, for
     one with results of other settings; the message names what differs.
     """
@@ -136,9 +136,9 @@ def check_results(
 
 
 class Earlier:
-    """The results in a folder, if there are any, and what becomes of them beside those of other settings.
+    """The results in a folder, if any; results of other settings are refused or overwritten.
 
-    folder: it need not exist. settings: of `settings_of`, for what will be written there.
+    folder: need not exist. settings: of `settings_of`, of the results to write there.
     Raises InputError where the results are of other settings and may not be overwritten.
     """
 
@@ -173,7 +173,7 @@ class Earlier:
 
 
 def _read(path: Path) -> dict[str, Any]:
-    """The report, or nothing where it is none."""
+    """The report in a file; None for any other content."""
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):
@@ -187,7 +187,7 @@ def _differences(before: dict[str, Any], now: dict[str, Any]) -> list[str]:
     for name in (name for name in before if name in now and before[name] != now[name]):
         first, second = _shown(before[name]), _shown(now[name])
         if name == "scene":
-            found.append("the scene was another")
+            found.append("the scene differs")
         elif first == second:
             found.append(f"`{name}` {first} had other content")
         else:

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 class ExtraLight:
-    """All of a light on a scene but its environment, computed on first use.
+    """The light on a scene beside its environment, computed on first use.
 
     options: LightingOptions. asked_lamps: the requested lamps. environment: Environment, unrotated.
     exposure_ev: as requested, or None. relighter, look, room: of the scene; room is None where it is no closed one.
@@ -51,24 +51,24 @@ class ExtraLight:
 
     @property
     def alone(self) -> bool:
-        """Whether no environment takes part: it is the light of the capture, or does not get in."""
+        """Whether the environment adds no light: it is the captured light, or does not enter the room."""
         return isinstance(self._environment, CapturedLight) or self._steady
 
     @property
     def captured_factor(self) -> float:
-        """How much of the captured light stays."""
+        """The fraction of captured light that stays."""
         given = self._options.captured
         return float(self.alone) if given is None else given
 
     @property
     def env_scale(self) -> float:
-        """How much of the light of the environment there is; 0 where none takes part."""
+        """The factor on the environment; 0 where it adds no light."""
         return 0.0 if self.alone else self._options.env_scale
 
     @property
     def assumed(self) -> NDArray[np.float32] | None:
-        """Factor on captured light from outside, (3,) float32, in a room that lets no environment in; None
-        where that does not count: anywhere else, beside lamps, and where something is said of the captured light."""
+        """Factor on captured light from outside, (3,) float32, in a room that lets no environment in. None elsewhere,
+        beside added lamps, and where the request sets the captured light."""
         given = self._options.captured is not None or bool(self.asked_lamps)
         if not self._room or not self._look.kept or given or isinstance(self._environment, CapturedLight):
             return None
@@ -81,7 +81,7 @@ class ExtraLight:
 
     @cached_property
     def scale(self) -> "LampScale":
-        """How long a metre is here, and how bright the captured light, for what is asked of lamps."""
+        """The length of a metre and the brightness of the captured light, which the fields of lamps refer to."""
         from ..engine.lamp_scale import lamp_scale
 
         return lamp_scale(self._relighter.scene, self._look, self._relighter.occluder)
@@ -111,7 +111,7 @@ class ExtraLight:
         return LampLight(self._relighter, self._look, lamps, tolerance, self.captured_factor)
 
     def light_of(self, asked_lamps: Sequence["AskedLamp"], captured: float) -> "LampLight":
-        """The light of other lamps, beside so much of the captured light."""
+        """The light of other lamps, beside a fraction of the captured light."""
         from ..lamps.asked import resolve
         from ..lamps.moving import moved
 
@@ -165,8 +165,8 @@ class ExtraLight:
         return Shaded(shaded.light, shading, shaded.exposure, backdrop, scale, captured, level)
 
     def parts(self, level: float) -> dict[str, NDArray[np.float32]]:
-        """Exit radiance (V, 3) of surfaces under the light beside the environment, in its unit: captured, and of
-        added lamps. level: as for `level`."""
+        """Exit radiance (V, 3) of surfaces under the captured light and under added lamps, in the environment's unit.
+        level: as for `level`."""
         found = {}
         if self.captured_factor:
             found["captured"] = self._own * np.float32(self.captured_factor / level)
@@ -176,8 +176,8 @@ class ExtraLight:
 
     @cached_property
     def _own(self) -> NDArray[np.float32]:
-        """The captured colours under the captured light as the options want it: where no environment gets into a room,
-        and that light alone is requested, it follows the new one."""
+        """The captured colours under the requested captured light. In a room that no environment enters, it follows an
+        environment that is requested alone."""
         if self._room is None:
             return self._look.captured
         if self.assumed is None:
@@ -203,7 +203,7 @@ class ExtraLight:
         return level_of(self._brightness, light)
 
     def live(self) -> "Mixture":
-        """It for what is live."""
+        """The mixture for live light."""
         from ..live.mixture import Mixture
 
         options, room = self._options, self._room
@@ -216,8 +216,8 @@ class ExtraLight:
     def of_session(
         self, light: Environment, level: float, captured: float, placed: "Placed | None"
     ) -> "SessionMixture":
-        """It for a session under a light, of which a unit is `level` of the picture, with so much of the captured light
-        and what lamps do."""
+        """The mixture for a session under a light with `level` units of the picture per unit, a fraction of the
+        captured light, and factors on lamps."""
         from ..viewer.mixture import SessionMixture
 
         options = self._options

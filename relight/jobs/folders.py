@@ -29,7 +29,7 @@ from .meshing import existing_folder, is_splat, refuse_meshing, scene_folder
 from .writer import Writer
 
 CITY = "city.json"
-"""In the folder of a city that splat2mesh made in tiles."""
+"""Marks the folder of a city that splat2mesh made in tiles."""
 
 DAY_FILM = "day.mp4"
 
@@ -71,7 +71,7 @@ def relight_files(request: RelightRequest, stages: Stages | None = None) -> Reli
         return _relit_city(request, stages)
     with recorded_warnings() as messages:
         request, notes = meshed_request(request, stages)
-        ahead.expect()  # where the mesh was there before, nobody has said so
+        ahead.expect()  # an existing mesh skips meshing, which calls this
         return _relit(request, stages, messages, notes)
 
 
@@ -96,7 +96,7 @@ def meshed_request(request: RelightRequest, stages: Stages) -> tuple[RelightRequ
 
 
 def planned_request(request: RelightRequest) -> RelightRequest | None:
-    """Return a request to plan, which changes nothing; None for a splat that is not meshed yet."""
+    """Return the request to plan, without writing; None for a splat that is not meshed yet."""
     scene = request.scene
     request = replace(request, caching="read")
     if isinstance(scene, (str, os.PathLike)):
@@ -109,7 +109,7 @@ def planned_request(request: RelightRequest) -> RelightRequest | None:
 
 
 def lights_of(request: RelightRequest) -> list[AnyLight]:
-    """Return the lights of a request, in order; of a folder all that it holds, by name."""
+    """Return the lights of a request, in order; a folder gives all its lights, by name."""
     if request.day:
         return list(request.times)
     found = [light for env in request.envs for light in _in_folder(env)]
@@ -125,7 +125,7 @@ def first_light(request: RelightRequest) -> AnyLight:
 
 
 def _in_folder(env: AnyLight) -> list[AnyLight]:
-    """The light files in a folder, by name; of anything else itself."""
+    """The light files in a folder, by name; anything else as it is."""
     if isinstance(env, (Environment, DaylightRequest)) or not Path(env).is_dir():
         return [env]
     found: list[AnyLight] = [str(path) for path in sorted(Path(env).iterdir()) if path.suffix.lower() in LIGHTS]
@@ -135,7 +135,7 @@ def _in_folder(env: AnyLight) -> list[AnyLight]:
 
 
 def output_folders(request: RelightRequest, lights: list[AnyLight]) -> list[Path]:
-    """Return the folder of every light and angle. Raises InputError for one that may not be written."""
+    """Return the folder of every light and angle. Raises InputError for one that must not be written."""
     angles, output = request.angles_deg, request.output
     if output is not None and len(angles) == len(lights) == 1:
         folders = [Path(output)]

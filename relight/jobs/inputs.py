@@ -44,7 +44,7 @@ class Inputs:
         self.request, self.stages = request, stages or Stages()
 
     def require(self, *stages: str) -> None:
-        """Do stages now, by the names of their attributes: what fails, fails before the work that follows."""
+        """Run stages now, by the names of their attributes, so failures precede the long work."""
         for name in stages:
             getattr(self, name)
 
@@ -57,7 +57,8 @@ class Inputs:
     @cached_property
     def read_scene(self) -> Scene:
         """The scene as read; of an animation its first frame."""
-        self.require("environment", "asked_lamps", "asked_inserts")  # what cannot be read fails before a scene is read
+        # an unreadable light fails before the scene is read
+        self.require("environment", "asked_lamps", "asked_inserts")
         with self.stages.stage("load"):
             return self.animation.scene if self.plays else as_scene(self.request.scene)
 
@@ -70,7 +71,7 @@ class Inputs:
     def splats(self) -> tuple[Splats, list[Path]] | None:
         """The splats that the scene was made from and the paths of their files; None for a mesh, which has none.
 
-        None if they were not requested and are not found, with a DataWarning.
+        None with a DataWarning if they are missing and were not requested.
         """
         wanted = bool(set(OF_SPLATS) & set(self.request.formats or ()))
         asked = wanted or (self._of_splats and (bool(self.request.baked) or self.request.splat is not None))

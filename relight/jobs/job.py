@@ -1,4 +1,4 @@
-"""A scene and a light, from files to radiance. Every stage runs on first use; `writing` writes the results.
+"""A scene and a light, from files to radiance. Every stage runs on first use; `writer` writes the results.
 
 job = Job(RelightRequest("garden", "sunset", LightingOptions(tolerance=0.02), angles_deg=(45.0,)))
 job.plan                load, albedo, plan
@@ -39,10 +39,10 @@ if TYPE_CHECKING:
     from ..planning.plan import Plan
 
 OF_ONE_LIGHT = frozenset({"environment", "plan", "lights", "room", "beside"})
-"""Stages of a Job that another light does not share."""
+"""Stages of a Job that depend on the light."""
 
 OF_SURFACES = frozenset({"glb", "ply", "npy", "png", "splat"})
-"""Formats for which the light of the surfaces is all that is needed."""
+"""Formats that need nothing but the light of the surfaces."""
 
 
 class Job(KnownScene):
@@ -102,7 +102,7 @@ class Job(KnownScene):
             yield self._with_others(Shaded(light, self.shading(light), exposure))
 
     def let_go(self, shaded: Shaded) -> None:
-        """Let go of bounces that are kept, most of the memory, where files need no light but that of the surfaces."""
+        """Free the kept bounces, most of the memory, where files need only the light of the surfaces."""
         alone = not (self.mixes or self.asked_inserts or self.request.baked) and set(self.formats) <= OF_SURFACES
         if alone and self.relighter.cache.settings_of("bounces"):
             self.relighter.precomputed.forget(shaded.shading.settings._replace(bounce_rays=0))
@@ -128,7 +128,7 @@ class Job(KnownScene):
         return plan_inserts(self.inserts.standing, self.scene, around, splats)
 
     def _object_of(self, asked: "AskedInsert") -> "InsertedObject":
-        """A requested object. A splat is meshed first, as a scene is, and its captured light is removed."""
+        """A requested object. A splat is meshed first, like a scene, and its captured light is removed."""
         if asked in self.inserted_meshes:
             return self.inserted_meshes[asked]
         from ..insert.splat_insert import splat_object

@@ -1,4 +1,4 @@
-"""Facts of a scene before relighting: its surfaces, its captured light, and the part of that which stays."""
+"""Facts of a scene before relighting: its surfaces, its captured light, and the fraction that stays."""
 
 import warnings
 from collections.abc import Callable
@@ -40,11 +40,11 @@ if TYPE_CHECKING:
 
 
 class KnownScene(Inputs):
-    """The part of a relight request that needs no tracing of light. Reads on first use."""
+    """The part of a relight request that traces no light. Reads on first use."""
 
     @cached_property
     def scene(self) -> Scene:
-        """The scene to light: with its floor closed where that mirrors in the splats."""
+        """The scene to light, with a mirrored floor closed."""
         mirror = self.mirror
         if mirror is None or self.splats is None:
             return self.read_scene
@@ -73,7 +73,7 @@ class KnownScene(Inputs):
 
     @property
     def _all_kept(self) -> bool:
-        """Whether the light of all vertices is kept, and not that of the shown ones alone."""
+        """Whether the cache keeps the light of all vertices, not only of the shown ones."""
         kept = [] if self.cache is None else [each[1:] for each in self.cache.settings_of("bounces")]
         return bool(kept) and all(each == (self.request.lighting.seed, EVERY) for each in kept)
 
@@ -84,7 +84,7 @@ class KnownScene(Inputs):
 
     @cached_property
     def _read_cache(self) -> Cache | None:
-        """The same of the scene as read."""
+        """The cache of the scene as read."""
         return self._cache_of(self.read_scene)
 
     def _cache_of(self, scene: Scene) -> Cache | None:
@@ -106,10 +106,10 @@ class KnownScene(Inputs):
     _begun_binding: "Beside[Binding] | None" = None
 
     texture: "Callable[[], Baked | None] | None" = None
-    """Returns the texture of mesh.glb without captured light; None where it was not begun."""
+    """Return the texture of mesh.glb without captured light; None where it was not begun."""
 
     def begin(self) -> None:
-        """Begin, beside the work on the light, to read or make what files need and no light changes.
+        """Start a thread that reads or makes what files need and no light changes.
 
         Damaged splats are bound later, and warn then.
         """
@@ -132,7 +132,7 @@ class KnownScene(Inputs):
     _left = False
 
     def leave(self) -> None:
-        """Give up what was begun beside, for a run that ends early: a program waits for its threads."""
+        """Cancel that thread for a run that ends early: a program waits for its threads."""
         self._left = True
 
     def _go_on(self, count: int) -> None:
@@ -141,7 +141,7 @@ class KnownScene(Inputs):
 
     @cached_property
     def mirror(self) -> "FloorMirror | None":
-        """The floor of a place that mirrors it in Gaussians; None without splats or where nothing shows one."""
+        """The floor whose reflection was captured as Gaussians; None without splats or without such a floor."""
         from ..splats.floor_mirror import floor_mirror
 
         if not self.read_scene.is_place or self.splats is None:
@@ -151,7 +151,7 @@ class KnownScene(Inputs):
 
     @property
     def mirrored_floor(self) -> dict[str, Any] | None:
-        """The entry of the report for a floor that mirrors in the splats, JSON-clean; None without one."""
+        """The report's entry on a mirrored floor, JSON-clean; None without one."""
         if not self.shows_splats or self.splats is None or self.mirror is None:
             return None
         return self.mirror.as_dict()
@@ -231,7 +231,7 @@ class KnownScene(Inputs):
 
     @property
     def steady(self) -> bool:
-        """Whether no environment is known to get in: in a closed room of unknown light, or without a window."""
+        """Whether no environment is known to enter: a closed room of unknown light, or without a window."""
         return bool(self.room and self.room.steady)
 
     @property
@@ -250,7 +250,7 @@ class KnownScene(Inputs):
 
     @property
     def _level(self) -> float:
-        """Captured units per unit of the light's radiance, for it to be as bright as that of the capture was."""
+        """Captured units per unit of the light's radiance that make it as bright as the captured light."""
         return level_of(self.brightness, self.environment)
 
     @property
@@ -266,7 +266,7 @@ class KnownScene(Inputs):
 
     @property
     def mixes(self) -> bool:
-        """Whether the new light has other parts than an environment as it is."""
+        """Whether the new light is more than an unchanged environment."""
         options = self.options
         others = bool(options.placed) or options.captured is not None or options.env_scale != 1.0
         return others or self.keeps_captured

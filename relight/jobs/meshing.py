@@ -1,4 +1,4 @@
-"""A splat given as scene: it is meshed first, and its scene folder is kept."""
+"""Mesh a splat that was given as a scene, and keep its scene folder."""
 
 import os
 from pathlib import Path
@@ -18,7 +18,7 @@ _SPLAT_ENDINGS = (".splat", ".spz", ".sog", ".json")
 _HEADER_BYTES = 1 << 16
 
 _SETTINGS = {"stand": "from"}
-"""Fields of ConvertOptions that scene.json calls otherwise."""
+"""Fields of ConvertOptions with another name in scene.json."""
 
 _UNRECORDED = ("cameras", "eyes")
 """Fields whose values scene.json does not keep."""
@@ -30,7 +30,7 @@ def is_scene(path: str | os.PathLike[str]) -> bool:
 
 
 def of_splats(path: str | os.PathLike[str]) -> bool:
-    """Whether a path is a splat, or a scene folder made of one. Raises InputError for a path that is not there."""
+    """Whether a path is a splat, or a scene folder made of one. Raises InputError for a missing path."""
     if not os.path.lexists(path):
         raise InputError(f"{path}: no such file")
     return is_scene(path) or is_splat(path)
@@ -50,7 +50,7 @@ def is_splat(path: str | os.PathLike[str]) -> bool:
 
 
 def scene_folder(splat: str | os.PathLike[str], options: ConvertOptions, stages: Stages) -> tuple[Path, list[str]]:
-    """Return the scene folder of a splat, in the current folder, and lines of a summary; it is made where missing.
+    """Return the scene folder of a splat, in the current folder, made if missing, and lines of a summary.
 
     Raises InputError where another thing has its name, where the folder was made with other options, and for a splat
     that cannot be used.
@@ -82,7 +82,7 @@ def existing_folder(splat: str | os.PathLike[str], options: ConvertOptions) -> P
 
 
 def refuse_meshing(scene: object, options: ConvertOptions) -> None:
-    """Raise InputError for options of meshing where there is nothing to mesh."""
+    """Raise InputError for meshing options without a splat to mesh."""
     for name in changed_fields(options):
         raise InputError(
             f"`{name}`: it applies to meshing a splat, and {scene} is already a mesh; give it to splat2mesh"

@@ -27,7 +27,7 @@ def surroundings_under(
 ) -> "Surroundings":
     """Return the Surroundings of a scene in a light, in the unit of its radiance.
 
-    mixes: whether that has other parts than an environment. steady: whether no environment gets in.
+    mixes: whether it is more than an environment. steady: whether no environment enters.
     """
     from ..insert.surroundings import surroundings_of
 
@@ -63,7 +63,7 @@ def surroundings_in(
 
 
 def light_under(shaded: Shaded, look: Appearance, beside: "ExtraLight", mixes: bool, steady: bool) -> "Light":
-    """Return the skies of a light, and what captured lamps send in it. Arguments as of `surroundings_under`."""
+    """Return the skies of a light, and the radiance of captured lamps in it. Arguments as of `surroundings_under`."""
     from ..insert.probe import Light
     from ..insert.surroundings import Sky
 
@@ -92,7 +92,7 @@ def captured_sky(look: Appearance) -> Environment:
 
 
 def _captured_sky_now(look: Appearance, beside: "ExtraLight") -> Environment:
-    """The light of the capture from far away, as it is assumed to change where no environment is known to get in."""
+    """The distant captured light, with the assumed change of a room that no environment is known to enter."""
     sky, change = captured_sky(look), beside.assumed
     return sky if change is None else Environment(sky.radiance * change, sky.name, sky.rotation_deg)
 

@@ -62,7 +62,7 @@ def session_of(job: Job) -> SessionRequest:
         cache=None if opened else job.relighter.cache,
         lamps={} if by_lamps is None else {chosen: by_lamps},
         lamps_known=bool(room and room.lamps_found),
-        state={"lamps": 1.0 if look.kept else job.options.lamp_factor},  # the colours of a kept room have it
+        state={"lamps": 1.0 if look.kept else job.options.lamp_factor},  # already in the colours of a kept room
         splats=None if opened or job.splats is None else _splats(job, chosen, mixture),
         mixture=mixture,
         lamp_source=None if opened else source,
@@ -180,7 +180,7 @@ def _splats(job: Job, chosen: str, mixture: "SessionMixture | None") -> "SplatSo
     gloss = job.gloss
 
     def shining(relit: "Splats", new: "Shining") -> "Splats":
-        assert gloss is not None and look.environment is not None  # else nobody asks
+        assert gloss is not None and look.environment is not None  # only objects use it
         light = new.light + new.captured * new.unit * look.environment.sh(harmonics.MAX_BANDS)
         lamps = job.beside.light_of(new.lamps, new.captured) if new.lamps else None
         mirrored = NewLight(light, new.radiance, new.received, new.exposure, lamps, new.unit)

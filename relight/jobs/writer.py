@@ -47,7 +47,7 @@ class Writer:
         self._messages = [] if messages is None else messages
 
     def under(self, env: AnyLight) -> "Writer":
-        """A Writer of the same job under another light, with the same sheet: what can be shared is."""
+        """A Writer of the same job under another light, with the same sheet and all shared stages."""
         other = Writer(self.job.under(env), self._messages)
         other._results = self._results  # with the sheet so far
         return other
@@ -55,7 +55,7 @@ class Writer:
     def write(self, shaded: Shaded, folder: str | os.PathLike[str], overwrite: bool = False) -> dict[str, Any]:
         """Write the results of one light into a folder; returns the report of all that it holds, JSON-clean.
 
-        Results of the same settings are added to; what else is there stays. Raises InputError where the folder holds no
+        Results of the same settings are added to; other files stay. Raises InputError where the folder holds no
         results, or those of other settings, unless these may be overwritten.
         """
         light = shaded.light

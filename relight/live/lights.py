@@ -29,7 +29,7 @@ NEAR_DEG = 3.0
 
 
 LEAST_SUN = 0.1
-"""Least share of a sun in the light on a surface that faces it: a weaker sun casts no visible shadow."""
+"""Least share of the light on a facing surface for a visible shadow; weaker suns join the harmonics."""
 
 
 class PortableLight(NamedTuple):

@@ -59,7 +59,7 @@ class LiveObjects(NamedTuple):
 def objects_of(
     without: Splats, shadowed: Splats, glb: bytes, angle_deg: float, movable: Sequence[Movable] = ()
 ) -> LiveObjects:
-    """The LiveObjects of splats under their first light, without and with the effect of objects, in the same order."""
+    """The LiveObjects of splats under their first light, given without and with the objects, in the same order."""
     before, after = (SH_C0 * np.asarray(each.sh[:, 0], np.float64) + 0.5 + LIFT for each in (without, shadowed))
     gain = np.where(before > LEAST, np.maximum(after, 0.0) / np.maximum(before, LEAST), 1.0)
     packed = np.minimum(np.rint(gain * UNIT), 2**16 - 1).astype(np.uint16)

@@ -94,7 +94,7 @@ class Plan:
 
 
 MOST_SHOWN = 10.0
-"""Error from which on a table gives no figure: in the dark, where any light is an error, it says how dark that is."""
+"""Error above which a table gives no figure: in the dark, where any light is an error, it gives the darkness."""
 
 
 def percent(error: float) -> str:

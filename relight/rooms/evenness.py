@@ -15,10 +15,10 @@ LEAST_LENGTH = 1e-3
 
 
 class Evenness:
-    """Averages values of the vertices of an Occluder over rings of neighbours that look the same way."""
+    """Averages values of the vertices of an Occluder over rings of neighbours that face the same way."""
 
     def __init__(self, occluder: Occluder) -> None:
-        """Find who is beside whom, and looks the same way.
+        """Find the neighbours of each vertex that face the same way.
 
         Parameters
         ----------

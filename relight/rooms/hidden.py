@@ -1,9 +1,9 @@
-"""Volumes of a closed room that nobody saw: a mesh is often open there, and no sky shines through them.
+"""Volumes of a closed room that no camera saw: the mesh is often open there, and no sky must shine through.
 
 No photograph shows the wall behind a cupboard or the floor under a sofa, so a mesh has holes there, and the sky that
 enters through them passes for that of the windows. What was seen is known to be free: every line from where the capture
 stood to a surface, or to the sky in a window. The rest of the room's hull is taken to be solid, for rays that would
-leave the room. So is a hole that capture looked up through and saw nothing: neither a surface nor any sky.
+leave the room. So is a hole through which rising lines of sight meet neither a surface nor captured sky.
 """
 
 from typing import Any, NamedTuple
@@ -48,11 +48,11 @@ BATCH = 1 << 16
 """Vertices whose rays are traced at once."""
 
 OUTDOORS = 0.35
-"""Part of the sky from which on a surface stands outside, seen through a window: sills have up to a half of it."""
+"""Part of the sky above which a surface stands outside, seen through a window: sills have up to a half of it."""
 
 
 def hidden_volumes(scene: Scene, occluder: Occluder) -> NDArray[np.float32]:
-    """Triangles around the volumes that nobody saw.
+    """Triangles around the volumes that no camera saw.
 
     Parameters
     ----------

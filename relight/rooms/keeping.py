@@ -25,12 +25,12 @@ def as_arrays(room: Room, reason: str) -> dict[str, NDArray[Any]]:
     room : Room
         What was found.
     reason : str
-        What is said of its light, in the report and as a warning.
+        Why its light is not known, for the report and the warning.
 
     Returns
     -------
     dict of str to ndarray
-        What estimates of open scenes have as well has the same names.
+        Arrays that estimates of open scenes have too keep their names.
     """
     coefficients = room.environment.sh(2)
     mean = coefficients[0] / math.sqrt(4.0 * math.pi)

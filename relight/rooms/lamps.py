@@ -91,7 +91,7 @@ def find(
     visible : ndarray, (V,)
         Visible fraction of the sky, in [0, 1].
     bounce : ndarray of float32, (V, 3)
-        What white would send on of the captured colours around it.
+        Exit radiance of a white vertex under the captured colours around it.
 
     Returns
     -------
@@ -108,7 +108,7 @@ def find(
     smooth = np.einsum("ij,ij->i", *(occluder.normals[end] for end in edges.T)) > SMOOTH
 
     def pieces(chosen: Mask) -> Integers:
-        """Number of the piece that each vertex is of, (V,), -1 for none."""
+        """Number of each vertex's connected piece, (V,), -1 for none."""
         white = np.bincount(node, chosen, nodes) > 0
         joined = node[edges[smooth & white[node[edges]].all(axis=1)]]
         _, label = scipy.sparse.csgraph.connected_components(

@@ -1,4 +1,4 @@
-"""A room without its ceiling, so that an environment enters from above."""
+"""A room without its ceiling, which an environment enters from above."""
 
 from dataclasses import replace
 
@@ -17,7 +17,7 @@ rooms are uneven by a tenth of their height."""
 
 
 def without_ceiling(scene: Scene, occluder: Occluder) -> Scene:
-    """Take the ceiling off a room, so that an environment enters from above.
+    """Remove the ceiling of a room, so an environment enters from above.
 
     Parameters
     ----------

@@ -56,7 +56,7 @@ def lamps_at(
     names : sequence of str
         Name of each position in messages.
     found : sequence of Lamp
-        Those that are known; a place on one means that.
+        The known lamps; a place on one of them means it.
 
     Returns
     -------
@@ -101,7 +101,7 @@ def _grown(
     seed: int,
     known: Sequence[Lamp],
 ) -> Lamp:
-    """The lamp around a vertex: what hangs together with it, is about as bright, and glows if that does."""
+    """The lamp around a vertex: the connected vertices about as bright as it, glowing if it glows."""
     peak = captured.max(axis=1)
     near: Mask = np.linalg.norm(occluder.origins - occluder.origins[seed], axis=1) < REACH
     for lamp in known:
@@ -121,7 +121,7 @@ def _grown(
 
 
 def _joined(occluder: Occluder, chosen: Mask, seed: int) -> NDArray[np.int64]:
-    """The chosen vertices (V,) that hang together with one of them, sorted."""
+    """The chosen vertices (V,) connected to one of them, sorted."""
     order, new_node, _ = ranked_nodes(occluder.origins, occluder.normals)
     node = np.zeros(len(chosen), np.int64)
     node[order] = np.cumsum(new_node) - 1

@@ -31,12 +31,12 @@ CELLS, MOST_PATCHES = 400, 24
 brightest cells. Other cells join the nearest patch."""
 
 LEAST_OPEN, LEAST_UNSEEN = 0.01, 0.02
-"""Mean visible share of the sky from which on windows are an emitter, and the same where no sky was captured in them:
+"""Mean visible share of the sky above which windows are an emitter, and the same where no sky was captured in them:
 then they are more likely holes. Holes of an office let in .002, those of an exhibition room with a glossy floor .014,
 which turned patches of a green wall blue."""
 
 LEAST_ABOVE = 0.02
-"""Visible steradians of the sky above the horizon from which on they represent the invisible rest."""
+"""Least visible steradians of the sky above the horizon that represent the invisible rest."""
 
 DARK, SATURATED = 0.002, 0.97
 """Range of linear colours in which a point carries information about its light."""

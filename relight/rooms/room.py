@@ -32,7 +32,7 @@ ALBEDOS = 0.06, 0.85
 """Range of the median albedo, in luminance, of real rooms: outside it, light was missed or misunderstood."""
 
 LEAST_EXCESS = 2.0
-"""A lamp sends out at least this many times what it receives: a ceiling over a lamp is as white, and sends out less;
+"""A lamp sends out at least this many times what it receives. A ceiling over a lamp is as white but sends out less;
 how bright all lamps are together is known within a factor of two."""
 
 LEAST_SEEN = 0.3
@@ -152,7 +152,7 @@ def room_of(
         return strengths.averaged([(places, solved), *map(judged, range(1, strengths.SAMPLES))])
 
     lights = [light_of(lamp) for lamp in found]
-    while True:  # until nothing more of it proves to be lit itself, or proves nothing
+    while True:  # until no further candidate is rejected
         places, solved = judged()
         if solved is None:
             break
@@ -171,7 +171,7 @@ def room_of(
         more, numbers = lamps_at(occluder, captured, areas, bounce, at, pointed.names, found)
         first, said = found, len(more)
         found, lights = [*found, *more], [*lights, *map(light_of, more)]
-        while True:  # beside those of which a person says that they are lamps, the others have to prove it again
+        while True:  # beside lamps that the user points at, the others are tested again
             places, solved = judged()
             if solved is None:
                 break
@@ -206,7 +206,8 @@ def _rows_of_lamps(
     captured: Radiance,
     areas: Floats,
 ) -> list[int]:
-    """Which lamps are lamps: those that send more than they could reflect, and whose strength the room shows."""
+    """Which candidates are lamps: those that send more than they could reflect, with a strength that the room
+    determines."""
     bounce, kept = interreflection.bounce(captured), []
     for k, lamp in enumerate(found):
         weight = areas[lamp.rows] / areas[lamp.rows].sum()
@@ -225,7 +226,7 @@ def _in_place(
     lights: list[NDArray[np.float32]],
     solved: strengths.Strengths,
 ) -> tuple[list[lamps.Lamp], list[NDArray[np.float32]], strengths.Strengths]:
-    """The lamps with those of the first that are none after all as dark ones, so that all keep their numbers."""
+    """The lamps, with rejected ones of the first as dark ones, so all keep their numbers."""
     gone = [k for k, lamp in enumerate(first) if not any(lamp is other for other in found)]
     found, lights = list(found), list(lights)
     radiance, evidence, share = solved.radiance, solved.evidence, solved.share

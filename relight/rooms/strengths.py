@@ -96,14 +96,14 @@ def solve(places: RoomIrradiance, colors: NDArray[np.float64]) -> Strengths | No
     Parameters
     ----------
     places : RoomIrradiance
-        What the emitters give.
+        Light of the emitters at the places.
     colors : ndarray of float64, (L, 3)
         Captured colours of the lamps, linear.
 
     Returns
     -------
     Strengths or None
-        None where the places show nothing.
+        None where the places determine nothing.
     """
     from scipy.optimize import minimize_scalar  # most scenes are no room, and it takes .3 s to import
 
@@ -153,7 +153,7 @@ def averaged(found: Sequence[tuple[RoomIrradiance, Strengths | None]]) -> Streng
     Parameters
     ----------
     found : sequence of (RoomIrradiance, Strengths or None)
-        Of the same lamps. Those that show nothing, or windows where the first shows none, do not count.
+        Of the same lamps. Samples without a result, or with windows where the first has none, do not count.
 
     Returns
     -------

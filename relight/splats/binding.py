@@ -29,7 +29,7 @@ VIEWS, PIXELS = 32, 256
 pixels lost 0.2 on a tabletop."""
 
 LEAST_USE = 0.01
-"""Sum of the weights that splats give a vertex, up to which its light is not found for its own sake."""
+"""Sum of the weights that splats give a vertex; up to this its own light is not computed."""
 
 ROUNDS = 2
 """Rounds of the fit. One gains 0.3 dB on an object and 0.5 to 0.9 on a tabletop, the second less than 0.1."""
@@ -158,7 +158,7 @@ class Binding:
         return np.bincount(columns.ravel(), weights.ravel(), len(self.surface.points)) > LEAST_USE
 
     def _asked(self) -> Mask | None:
-        """(M,) bool: the nodes whose light is used; None without a volume, where nobody asks."""
+        """(M,) bool: the nodes whose light is used; None without a volume."""
         if not self._volume.any():
             return None
         asked = np.zeros(len(self.surface.points), bool)

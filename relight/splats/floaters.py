@@ -36,7 +36,7 @@ NEIGHBORS = 4
 """The number of other splats within that reach that make one no floater: floaters come alone or in small clouds."""
 
 COVERED = 0.9
-"""Opacity of the remaining splats, in a pixel, from which on removal leaves no gap."""
+"""Opacity of the remaining splats, in a pixel, above which removal leaves no gap."""
 
 AGREED = 0.5
 """Part of the pictures of a splat in which it must be so."""

@@ -34,7 +34,7 @@ BENEATH, DEEP = 0.05, 0.3
 places say something: those of shallower ones always lie near the floor."""
 
 LEVELS = 3
-"""Level surfaces that are asked. A well captured mirror world has a level one too, the image of the ceiling."""
+"""Level surfaces that are tested. A well captured mirror world has a level one too, the image of the ceiling."""
 
 LEAST_EYES = 1.0 / 3.0
 """Least part of the eyes above a floor: half of those that were found can stand in a well captured mirror world."""

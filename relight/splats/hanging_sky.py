@@ -107,7 +107,7 @@ def _sizes(splats: Splats, rows: Indices, eyes: Points) -> NDArray[np.float64]:
 
 
 def _coarse(splats: Splats, rows: Indices, eyes: Points) -> float:
-    """The size, as of `_sizes`, from which on some splats (M,) count as coarse; inf without any."""
+    """The size, as of `_sizes`, above which some splats (M,) count as coarse; inf without any."""
     rows = rows[:: max(1, len(rows) // SAMPLED)]
     rows = rows[np.isfinite(splats.means[rows]).all(axis=1)]
     return COARSE * float(np.median(_sizes(splats, rows, eyes))) if len(rows) else np.inf

@@ -55,7 +55,7 @@ VOTES = 9
 """Neighbours, itself among them, whose majority a far splat follows."""
 
 ROUGH = 0.21
-"""Spread of brightness, in sRGB, among that many neighbours in direction, from which on half of what looks like sky is
+"""Spread of brightness, in sRGB, among that many neighbours in direction, above which half of what looks like sky is
 none: pale facades with their windows have .26, in the one capture whose background is towers without a sky. Thirteen
 skies have up to .16."""
 

@@ -16,7 +16,7 @@ NEIGHBORS = 48
 """Vertices of a volume that share a change of light; a patchwork of fewer is seen as blotches."""
 
 LEAST = 0.02
-"""Volume from which a vertex is asked at all: less is a rounding of a surface."""
+"""Volume above which a vertex counts: less is a rounding of a surface."""
 
 _BATCH = 1 << 15
 

@@ -24,7 +24,7 @@ from .occluder import Occluder
 from .sampling import direction, tangents, turned
 
 LEAST_RAYS = 64
-"""Rays of a vertex from which on this pays: with 32, error grows by up to a third."""
+"""Rays of a vertex from which this pays: with 32, error grows by up to a third."""
 
 LEAST_VERTICES = 10_000
 """On fewer, blocks are wide, and agree on little: of 4,000 vertices of a bumpy sphere 80 to 84% is traced."""

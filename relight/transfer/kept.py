@@ -25,7 +25,7 @@ STEPS = 24_000
 square): a thousandth of what hundreds of rays leave."""
 
 LARGE = 1 << 22
-"""Numbers from which on a transfer is rounded: smaller ones take 16 MB at most."""
+"""Numbers above which a transfer is rounded: smaller ones take 16 MB at most."""
 
 _BATCH = 1 << 14  # rows
 

@@ -153,7 +153,7 @@ class Cache:
         return sorted(self.folder.glob("*.npz")) if self.folder and os.path.isdir(self.folder) else []
 
     def _sweep(self) -> None:
-        """Remove, without a word, what runs that were killed had left here, and what older versions kept: it can be
+        """Silently remove leftovers of killed runs and of older versions: they can be
         computed again. Files of newer versions, and those of other programs, stay."""
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DataWarning)

@@ -20,7 +20,7 @@ from .consensus import BLOCK, HIDDEN, LEAST_VERTICES, OPEN, PILOTS, UNSURE
 from .occluder import Occluder
 
 LEAST_SUNS = 16
-"""Suns from which on this pays: 8 of a sunset leave a vertex two pilots, and the error is .007."""
+"""Suns from which this pays: 8 of a sunset leave a vertex two pilots, and the error is .007."""
 
 LEAST_PILOTS = 8
 """Pilots of a block to a sun and those around it that make agreement."""

@@ -3,11 +3,12 @@
     from relight.viewer import view
     view(scene, "sunset")
 
-Modules: `request` what can be asked, `session` state and light, `answers` what the worker said, `worker` and `lighting`
-the heavy work in a process of its own, `modes` what colours the surface, `splats` and `splat_painter` relit splats in
-its place, `controls` the keys, `mouse` the mouse, `window`, `stage`, `panel` and `camera` what VTK draws, `recording`
-films, `session_view` and `window_view` the types by which parts see the whole. Added lamps: `editing` what
-Python calls, `history` undo, `lamp_board` their states, `lamp_bench` their light, `lamp_source` the engine behind it,
+Modules: `request` the requests, `session` state and light, `answers` the worker's results, `worker` and `lighting`
+the heavy work in a process of its own, `modes` the colours of the surface, `splats` and `splat_painter` relit splats in
+its place, `controls` the keys, `mouse` the mouse, `window`, `stage`, `panel` and `camera` the drawing by VTK,
+`recording`
+films, `session_view` and `window_view` the types by which parts see the whole. Added lamps: `editing` the calls from
+Python, `history` undo, `lamp_board` their states, `lamp_bench` their light, `lamp_source` the engine behind it,
 `lamp_tool` the hand on them. Objects: `object_bench`, `object_light`, `object_source` and `object_tool` likewise.
 """
 

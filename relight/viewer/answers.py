@@ -103,7 +103,7 @@ class Answers(ABC):
 
     @property
     def lit(self) -> FinishedShading | None:
-        """The FinishedShading that is shown, or None while it is on its way."""
+        """The shown FinishedShading, or None until it arrives."""
         return self._lit()
 
     @property

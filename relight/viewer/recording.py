@@ -23,7 +23,7 @@ class Recording:
     """Take a picture whenever the light of an angle is complete, then go on to the next; the window stays usable.
 
     path: .gif, or .mp4 where imageio-ffmpeg is installed; by default a free name in this folder. what: "light" turns
-    the light, "camera" the camera. panel: whether what is written on the window is recorded too.
+    the light, "camera" the camera. panel: whether the panel is recorded too.
     Raises InputError for another kind of file and for one that cannot be written.
     """
 
@@ -87,7 +87,7 @@ class Recording:
             self._window.look(self._looked)
 
     def _moved_away(self) -> bool:
-        """Whether somebody turned or reset what the film turns; it is turned back."""
+        """Whether the user turned or reset the recorded angle; it is restored."""
         if self._what == "light":
             away = self._window.session.state.angle_deg - self._state.angle_deg - self._turned()
             moved = abs((away + 180.0) % 360.0 - 180.0) > 1e-6
@@ -98,7 +98,7 @@ class Recording:
         return moved
 
     def _describe(self) -> str:
-        """The line on the window: how far it is, how long it will take, and how it ends."""
+        """The line on the window: progress, remaining time, and how to stop."""
         each = (time.perf_counter() - self._started) / self._done
         left = each * (self._frames - self._done)
         ends = "q again drops it" if self.asked else "v stops it"

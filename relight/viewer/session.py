@@ -120,7 +120,7 @@ class Session(LampEditing, Answers):
                 self._edited()
 
     def poll(self) -> None:
-        """Take in the results of the worker, without waiting. Call it often."""
+        """Collect the worker's results, without waiting. Call it often."""
         for kind, *rest in self._worker.poll():
             getattr(self, f"_take_{kind}")(*rest)
             self.revision += kind != "progress"

@@ -25,7 +25,7 @@ COARSE = 2
 143 ms."""
 
 NEAR = 0.002
-"""Near plane, in diagonals of the scene: as of the pictures that are written."""
+"""Near plane, in diagonals of the scene: that of written pictures."""
 
 
 class SplatLayer(NamedTuple):

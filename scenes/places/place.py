@@ -37,7 +37,7 @@ PLACES = {
 class Place(SceneTruth):
     """A place known exactly, scene frame in metres. Its vertices are those of the solids, then those of the leaves.
 
-    Solids may be open sheets where nobody sees their back. Each leaf is two quads of four vertices, front then back.
+    Solids may be open sheets where their back is invisible. Each leaf is two quads of four vertices, front then back.
     emitted: (V, 3) float32 linear radiance that lamps give off, in units of the environment's.
     volume: (V,) bool, foliage and grass: not a surface.
     leaf_start: the first vertex of the leaves. transmittance: what share of the light on one side of a leaf shows

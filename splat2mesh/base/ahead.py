@@ -1,9 +1,9 @@
 """Kernels compiled ahead of their need: on the first run, a second process takes those that the command needs last.
 
 The command compiles from the first on, the process from the last, both into Numba's cache, until they meet. Lists in
-the packages name the kernels with their types; `scripts/kernel_lists.py` writes them. What a list lacks, the command
-compiles when it comes to it; what it has too much costs the other core a moment. Results are those of a second run,
-which reads the same machine code.
+the packages name the kernels with their types; `scripts/kernel_lists.py` writes them. The command compiles unlisted
+kernels on first use; kernels listed in vain cost the idle core a moment. Results equal those of a second run, which
+reads the same machine code.
 """
 
 import json
@@ -27,12 +27,12 @@ SWITCH = "SPLAT2MESH_AHEAD"
 """Environment variable: 0 switches the second process off."""
 
 WORTH_SECONDS = 3.0
-"""Compiling that a second process is worth: it takes one to start."""
+"""Seconds of missing kernels from which a second process pays off: starting it takes one."""
 
 LOCKS = "kernels.lock"
 
 END_SECONDS = 1.0
-"""As long as the process has to end by itself, before it is killed: it lets a file be written to its end."""
+"""Seconds that the process has to end by itself before it is killed, so it completes a file."""
 
 _START = "import json, sys; sys.path[:] = json.loads(sys.argv[1]); from splat2mesh.base import ahead_worker as worker; "
 _START += "worker.main()"
@@ -41,7 +41,7 @@ _START += "worker.main()"
 @dataclass(frozen=True)
 class Listed:
     """A kernel of a list: its module and name, the text of its arguments' types, the seconds that it compiles, and what
-    asks for it: EVERY scene, an OBJECT, a PLACE, or SOME, for which it is not compiled ahead."""
+    needs it: EVERY scene, an OBJECT, a PLACE, or SOME scenes, for which it is not compiled ahead."""
 
     module: str
     name: str
@@ -62,11 +62,11 @@ def listed(path: Path) -> list[Listed]:
 
 @contextmanager
 def compiled_ahead(*lists: Path) -> Iterator[None]:
-    """Within it, a second process compiles what every scene asks for of some lists, if much is missing, and then what
-    `expect` names. For a command.
+    """Within the block, a second process compiles the listed kernels that every scene needs, if many are missing, then
+    those of `expect`. For a command.
 
-    lists: in the order of need. Nothing happens on a single core, where the cache cannot be written, or where a system
-    has no locks; nothing is ever said.
+    lists: in the order of need. Does nothing, silently, on a single core, without a writable cache, or without file
+    locks.
     """
     global _process
     _process = _begun(lists)
@@ -82,7 +82,7 @@ _process: "subprocess.Popen[bytes] | None" = None
 
 
 def expect(asked_by: str = "") -> None:
-    """Tell the second process, where there is one, what more is needed, once: by an OBJECT, by a PLACE, or nothing."""
+    """Tell the second process, if any, which kernels come next, once: those of an OBJECT, of a PLACE, or none."""
     process = _process
     if process is not None and process.stdin is not None:
         try:
@@ -137,7 +137,8 @@ def _ended(process: "subprocess.Popen[bytes]") -> None:
 
 
 def missing_seconds(lists: Sequence[Path], kind: int) -> float:
-    """Seconds of what EVERY scene asks for and Numba's cache, a `cache_kind`, lacks, to judge by the times of files."""
+    """Seconds to compile the kernels that EVERY scene needs and Numba's cache, a `cache_kind`, lacks by its files'
+    times."""
     if any(os.environ.get(name) for name in ("NUMBA_DISABLE_JIT", "NUMBA_CACHE_LOCATOR_CLASSES")):
         return 0.0
     there: dict[str, set[str]] = {}

@@ -44,9 +44,9 @@ def main() -> None:
 
 
 def compile_ahead(kernels: list[Listed], locks: KernelLocks) -> None:
-    """Compile kernels in their order into Numba's cache, but those that are there, and that another process compiles.
+    """Compile kernels in order into Numba's cache, except those that exist or that another process compiles.
 
-    A kernel that does not compile, as no list should name, is left out.
+    A kernel that does not compile is skipped; no list should name one.
     """
     for kernel in kernels:
         try:
@@ -66,7 +66,7 @@ def dispatcher_of(module: str, name: str) -> Any:
 
 
 def compile_one(dispatcher: Any, kernel: Listed, locks: KernelLocks) -> None:
-    """Compile a kernel for the types of a list, unless it is there or another process is at it."""
+    """Compile a kernel for the types of a list, unless it exists or another process compiles it."""
     from .kernel_types import type_of
 
     signature, name = tuple(map(type_of, kernel.arguments)), name_of(dispatcher)
@@ -82,8 +82,7 @@ def compile_one(dispatcher: Any, kernel: Listed, locks: KernelLocks) -> None:
 
 
 def _read_input(expected: "queue.SimpleQueue[str]", writing: threading.Lock) -> None:
-    """Pass on what is expected. End the process as soon as nobody holds the other end of its input, but not amid a file
-    of the cache."""
+    """Pass on the expected kernels. End the process once its input is closed, but not amid a file of the cache."""
     for line in sys.stdin:
         expected.put(line.strip())
     with writing:

@@ -15,7 +15,7 @@ Integers: TypeAlias = NDArray[np.integer]
 """Any shape, whole numbers of any width."""
 
 Mask: TypeAlias = NDArray[np.bool_]
-"""(N,) or of an image, bool: which ones are meant."""
+"""(N,) or of an image, bool: the selected entries."""
 
 Indices: TypeAlias = NDArray[np.int64]
 """(M,) int64: rows of another array."""

@@ -1,4 +1,4 @@
-"""Work that a second thread does beside the first: reading and writing files, and what keeps a single core busy.
+"""Work in a second thread: reading and writing files, and computations that keep a single core busy.
 
 There is one such thread, so never more than two pieces of work hold their arrays at once. Loops of `threads` may be
 used in either: both share the pool.
@@ -16,10 +16,10 @@ Made = TypeVar("Made")
 
 
 class Beside(Generic[Made]):
-    """What a function makes, begun now and asked for later; on a single core, and behind other work, made when asked.
+    """The result of a function, begun now and fetched later; on a single core, or behind other work, computed when
+    fetched.
 
-    The function must not change what others use, and must import what a package of its own holds before. As a context,
-    it is over when that ends.
+    The function must not change shared data, and its imports must be done before. As a context, it ends with the block.
     """
 
     def __init__(self, work: Callable[[], Made]) -> None:
@@ -27,8 +27,8 @@ class Beside(Generic[Made]):
         self._future: Future[Made] = _second_thread().submit(work) if all_cores() > 1 else Future()
 
     def result(self) -> Made:
-        """What it made; raises what it raised."""
-        if self._future.cancel():  # not begun yet: who asks need not wait for other work
+        """The function's result; raises the function's exception."""
+        if self._future.cancel():  # not begun yet: the caller need not wait for other work
             self._future = Future()
             try:
                 self._future.set_result(self._work())

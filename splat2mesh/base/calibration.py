@@ -6,7 +6,7 @@ NOT_RECORDED = "not recorded"
 
 
 class Provenance(NamedTuple):
-    """How the numbers of a calibration came about.
+    """The origin of the numbers of a calibration.
 
     script: the command that fitted or checks them. fitted_on: scenes. held_out: the error on scenes that they were not
     fitted on. Each is NOT_RECORDED where unknown.

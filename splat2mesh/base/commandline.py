@@ -27,7 +27,7 @@ class Parser(argparse.ArgumentParser):
     _given: Sequence[str] = ()
 
     def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """Return the words of a command line; ends the process with one line where they make no sense."""
+        """Return the parsed command line; invalid words end the process with one line."""
         self._given = joined(sys.argv[1:] if args is None else args, self.signed, self.signed_words)
         return super().parse_args(self._given, namespace)
 
@@ -72,7 +72,7 @@ def joined(arguments: Sequence[str], signed: Iterable[str], words: Iterable[str]
 
 
 def chosen(option: str, value: str, choices: Iterable[str]) -> str:
-    """The choice that a value means, whatever its case. Raises InputError, with the nearest one, for no choice."""
+    """The choice that a value names, in any case. Raises InputError, with the nearest choice, for any other value."""
     known = {choice.lower(): choice for choice in choices}
     if value.lower() in known:
         return known[value.lower()]
@@ -81,7 +81,7 @@ def chosen(option: str, value: str, choices: Iterable[str]) -> str:
 
 
 def several(option: str, values: Sequence[str] | None, choices: Iterable[str]) -> list[str]:
-    """The choices of an option that takes several: apart, with commas, or given again; each once, in order."""
+    """The choices of an option that takes several, as words, with commas, or by repeating it; each once, in order."""
     choices = list(choices)
     words = [word for value in values or () for word in value.split(",") if word]
     if values is not None and not words:
@@ -90,7 +90,7 @@ def several(option: str, values: Sequence[str] | None, choices: Iterable[str]) -
 
 
 def share(option: str, text: str | None) -> float | None:
-    """A share of 1: "0.01" or "1%" -> 0.01. Raises InputError for what is none, or not below 1."""
+    """A share of 1: "0.01" or "1%" -> 0.01. Raises InputError for anything else, and for 1 or more."""
     if text is None:
         return None
     percent = text.strip().endswith("%")

@@ -1,4 +1,4 @@
-"""Compiled code where nothing can be written: containers, service users. Numba refuses to start without a cache folder.
+"""Compiled code without a writable folder, as in containers. Numba refuses to start without a cache folder.
 
 Scene folders are writable, but unsafe for it: Numba caches code, and a scene may come from anybody.
 """
@@ -34,7 +34,7 @@ def allow_read_only_install() -> None:
 
 
 def cache_kind() -> int | None:
-    """Which of Numba's candidates for its cache it takes, for `cache_folder`; None where it can write none."""
+    """The candidate that Numba takes for its cache, for `cache_folder`; None if none is writable."""
     return next((kind for kind, folder in enumerate(_folders(KERNELS)) if folder and _writable(folder)), None)
 
 
@@ -57,7 +57,7 @@ def _folders(modules: Path) -> list[Path | None]:
 
 
 def _writable(folder: Path) -> bool:
-    """Whether a file can be made in a folder, which is made where it is missing, as Numba does."""
+    """Whether a file can be made in a folder, made if missing, as Numba does."""
     import tempfile
 
     try:

@@ -18,13 +18,14 @@ EXIT_DONE, EXIT_FAILED, EXIT_BAD_INPUT = 0, 1, 2
 EXIT_INTERRUPTED = 130  # 128 and the number of SIGINT, as shells have it
 
 ONE_BLAS_THREAD = {"OPENBLAS_NUM_THREADS": "1"}
-"""Whatever the user has: sums of matrix products depend on the number of threads, and so would the bytes of results."""
+"""Overrides the user's setting: sums of matrix products, and so the bytes of results, depend on the number of
+threads."""
 
 
 _JOINERS = "\u200c\u200d"
 """They show nothing and belong to words of Persian and Indian scripts, and to emoji."""
 
-_owns_process = False  # whether a command runs in this process, rather than somebody who uses the library
+_owns_process = False  # whether this process runs a command, not a program that uses the library
 
 
 @dataclass(frozen=True)
@@ -97,10 +98,10 @@ def run(
 
 
 def open_streams() -> None:
-    """Give a command standard streams that go nowhere in place of those that its parent closed (`>&-`).
+    """Open /dev/null for standard streams that the parent closed (`>&-`).
 
-    Otherwise printing fails, and the next file that is opened takes the number of a stream: what native libraries and
-    child processes print would go into it.
+    Otherwise printing fails, and the next opened file takes the number of a stream, so prints of native libraries and
+    child processes would go into it.
     """
     for number, name, mode in ((0, "stdin", "r"), (1, "stdout", "w"), (2, "stderr", "w")):
         if getattr(sys, name) is not None:  # Python sets None for what was closed as it started
@@ -112,12 +113,12 @@ def open_streams() -> None:
 
 
 def _drop_stdout() -> None:
-    """Let what is still to be written there go nowhere, or Python fails over it as it ends."""
+    """Redirect pending output to nowhere, or Python fails on it as it ends."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def owns_process() -> bool:
-    """Whether this process is a command's, not that of somebody who uses the library."""
+    """Whether this process runs a command, not a program that uses the library."""
     return _owns_process
 
 
@@ -163,10 +164,10 @@ def notify(message: str) -> None:
 
 
 def printable(text: str) -> str:
-    """One line of text as a terminal may show it: what would steer it, or turn the writing round, is spelled out.
+    """One line of text, safe for a terminal: control and bidirectional characters are escaped.
 
-    Names and comments of files come from anybody, and an escape sequence can retitle a window or hide a line. Bytes of
-    a name that are no text are spelled out too, which no stream could encode.
+    Names and comments of files are untrusted, and an escape sequence can retitle a window or hide a line. Bytes of a
+    name that are no text, which no stream could encode, are escaped too.
     """
     whole = "".join(letter if _is_plain(letter) else _spelled(letter) for letter in text)
     encoding = getattr(sys.stdout, "encoding", None) or "utf-8"

@@ -30,7 +30,7 @@ class DataWarning(UserWarning):
 
 
 def with_options(message: str, options: Mapping[str, str]) -> str:
-    """A message with every setting that a command line has an option for written as that option.
+    """A message in which settings that have an option are written as that option.
 
     options: setting -> option, such as {"budget_s": "--budget"}. Other words in backquotes stay as they are.
     """

@@ -1,4 +1,4 @@
-"""Packages that are imported where they are used: those that extras bring, and heavy ones."""
+"""Packages imported on use: heavy ones, and those of extras."""
 
 import importlib
 from importlib.util import find_spec
@@ -24,7 +24,7 @@ def needed(
     try:
         return importlib.import_module(package)
     except ModuleNotFoundError as error:
-        if error.name != package:  # the package is there, and something that it needs is not
+        if error.name != package:  # the package exists, one of its dependencies does not
             raise
         command = f'pip install "splat2mesh[{EXTRAS[package]}]"' if package in EXTRAS else f"pip install {package}"
         raise InputError(f"{purpose} needs {package}, which is not installed: {command}") from None

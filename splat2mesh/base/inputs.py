@@ -21,10 +21,10 @@ LARGEST_JSON = 64 << 20
 """Bytes of a JSON file: the largest known, the tree of a streamed SOG, has 3 MB."""
 
 LARGEST_SMALL_FILE = 64 << 20
-"""Bytes of what is small by its nature, such as the rows that a scene keeps as its background."""
+"""Bytes of an array file that is small by nature, such as the background rows of a scene."""
 
 FREE_SPLATS = 1_000_000
-"""Splats that any file may announce: they take a few hundred megabytes."""
+"""Splats that any file may declare: they take a few hundred megabytes."""
 
 LEAST_SPLAT_BYTES = 6
 """Bytes that a splat takes, at least, where there are many: places and rotations are noise to every packer, and real
@@ -32,7 +32,7 @@ captures take 10 to 20. So a file of 32 MB announces at most 5.6 million, which 
 
 
 def file_size(path: str | os.PathLike[str], what: str = "file") -> int:
-    """Bytes of a regular file. Raises InputError for what is missing and for folders, pipes, sockets and devices."""
+    """Bytes of a regular file. Raises InputError for missing files, folders, pipes, sockets and devices."""
     try:
         found = os.stat(path)
     except (FileNotFoundError, NotADirectoryError):
@@ -45,11 +45,12 @@ def file_size(path: str | os.PathLike[str], what: str = "file") -> int:
 
 
 def check_special(path: str | os.PathLike[str]) -> None:
-    """Raise InputError for pipes, sockets and devices, which a reader would wait for; files, folders, nothing pass."""
+    """Raise InputError for pipes, sockets and devices, on which a reader would wait; files, folders and missing paths
+    pass."""
     try:
         mode = os.stat(path).st_mode
     except (OSError, ValueError):
-        return  # what is wrong with it, its reader says better
+        return  # its reader gives the better message
     if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
         raise InputError(f"{path} is not a regular file but a {_kind(mode)}: copy its content into a file first")
 
@@ -57,7 +58,7 @@ def check_special(path: str | os.PathLike[str]) -> None:
 def read_json(path: str | os.PathLike[str], **how: Any) -> Any:
     """The content of a JSON file of at most LARGEST_JSON bytes; `how` goes to json.loads.
 
-    Raises InputError for another kind of file and for too large a one, ValueError for what is no JSON.
+    Raises InputError for anything but a regular file and for one too large, ValueError for invalid JSON.
     """
     size = file_size(path, "JSON file")
     if size > LARGEST_JSON:
@@ -66,7 +67,7 @@ def read_json(path: str | os.PathLike[str], **how: Any) -> Any:
 
 
 def loads(text: str | bytes, **how: Any) -> Any:
-    """json.loads, with ValueError for whatever it raises: too deep a nesting, too long a number, no text."""
+    """json.loads, with ValueError for all its exceptions: deep nesting, long numbers, bytes that are no text."""
     try:
         return json.loads(text, **how)
     except RecursionError:
@@ -75,7 +76,7 @@ def loads(text: str | bytes, **how: Any) -> Any:
 
 def number(word: str) -> float:
     """The number of a word, also where Microsoft's C wrote it: `-nan(ind)`, `1.#QNAN`, `-1.#INF`. Raises ValueError for
-    what is none."""
+    any other word."""
     try:
         return float(word)
     except ValueError:
@@ -88,9 +89,10 @@ _MICROSOFTS = re.compile(r"[+-]?(nan\(\w*\)|1\.#\w+)")
 
 
 def load_array(path: str | os.PathLike[str]) -> Any:
-    """The array of a .npy file. Raises InputError for what is no file, ValueError for what holds no plain array.
+    """The array of a .npy file. Raises InputError for anything but a regular file, ValueError for one without a plain
+    array.
 
-    Its header is held against the size of the file first, and nothing is unpickled.
+    The header is checked against the size of the file first, and nothing is unpickled.
     """
     import numpy as np
 
@@ -106,7 +108,7 @@ def load_array(path: str | os.PathLike[str]) -> Any:
 
 def load_arrays(path: str | os.PathLike[str], most: int, names: Collection[str] | None = None) -> dict[str, Any]:
     """The arrays of an .npz file, or those of some names alone, of at most `most` bytes unpacked. Raises ValueError for
-    what holds none, or not all of the names."""
+    a file without arrays, or without all of the names."""
     import lzma
     import zipfile
     import zlib
@@ -140,10 +142,11 @@ def check_count(path: str | os.PathLike[str], count: int, size: int, what: str =
 
 
 def inside(folder: str | os.PathLike[str], name: object, named_by: str | os.PathLike[str]) -> Path:
-    """The path of a file that another file names, in its folder or below. Raises InputError for a name that leads out.
+    """The path of a file that another file names, in its folder or below. Raises InputError for a name that leads
+    outside.
 
     folder: where the name starts. named_by: the file that holds it, for the message. Links out of the folder are
-    followed: whoever made them, made them here.
+    followed: they were made on this machine.
     """
     text = str(name)
     posix, windows = PurePosixPath(text), PureWindowsPath(text)
@@ -155,7 +158,7 @@ def inside(folder: str | os.PathLike[str], name: object, named_by: str | os.Path
 
 @contextmanager
 def reading(path: str | os.PathLike[str]) -> Iterator[None]:
-    """Within it, whatever goes wrong is an InputError about `path`: parsers raise dozens of types over broken input."""
+    """Within the block, every failure is an InputError about `path`: parsers raise dozens of types on broken input."""
     try:
         yield
     except (InputError, Warning, NameError, ImportError):  # the last two: not the fault of a file
@@ -174,7 +177,7 @@ def reading(path: str | os.PathLike[str]) -> Iterator[None]:
 
 @contextmanager
 def quiet_numbers() -> Iterator[None]:
-    """Within it, numbers beyond their type become infinite or NaN without a word: readers count them later."""
+    """Within the block, numbers beyond their type silently become infinite or NaN: readers count them later."""
     import numpy as np
 
     with np.errstate(all="ignore"), warnings.catch_warnings():

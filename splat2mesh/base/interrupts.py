@@ -11,7 +11,7 @@ from typing import Any
 SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 
 AGAIN_SECONDS = 1.0
-"""A second signal that comes sooner after the first is the same wish: what the first set off goes on."""
+"""Seconds within which a second signal counts as the same request, and clean-up goes on."""
 
 
 class Interrupted(KeyboardInterrupt):

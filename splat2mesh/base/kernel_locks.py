@@ -1,4 +1,4 @@
-"""Two processes that share a cache of kernels: what one compiles, the other waits for and reads.
+"""Two processes share a cache of kernels: one waits for a kernel that the other compiles, and reads it.
 
 Each kernel is a byte of one file, locked while it is compiled and written; the system releases it when the process
 ends, in whatever way. Numba alone would compile a kernel twice, and two signatures of one that are written at the
@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 BYTES = 1 << 30
-"""Places in the file, of which nothing is ever written. Two kernels of one place wait for each other without need."""
+"""Places in the file, which stays empty. Two kernels of one place wait for each other needlessly."""
 
 
 class KernelLocks:
@@ -28,7 +28,7 @@ class KernelLocks:
         self._held: Counter[int] = Counter()
 
     def take(self, name: str, wait: bool = True) -> bool:
-        """Lock a kernel, also once more; False where another process has it and this one does not want to wait."""
+        """Lock a kernel, reentrantly; False if another process holds it and this one does not wait."""
         place = zlib.crc32(name.encode()) % BYTES
         if not self._held[place]:
             try:

@@ -1,4 +1,4 @@
-"""How Numba compiles kernels, for nearly all of them alike.
+"""The options with which Numba compiles nearly all kernels.
 
 Numba compiles its own functions, such as `np.zeros`, again for kernels with other options. Nothing calls a kernel from
 C, so none gets the function for that. Both together spare `relight` 6% of the seconds that it compiles.
@@ -12,14 +12,14 @@ from typing import Any
 import numba
 
 kernel = numba.njit(cache=True, nogil=True, error_model="numpy", no_cfunc_wrapper=True)
-"""Decorator: compile a function when it is first called, keep what comes of it, and let other threads run beside it. A
+"""Decorator: compile a function on its first call, cache the machine code, and release the GIL. A
 division by zero gives infinity or NaN, of integers 0."""
 
 _BLAS = "scipy.linalg.cython_blas"
 
 
 def without_blas() -> None:
-    """Have Numba, before the first kernel, do without the linear algebra of SciPy, which no kernel here uses. For a
+    """Keep Numba, before the first kernel, from importing SciPy's linear algebra, which no kernel here uses. For a
     command: .15 s of its imports."""
     modules: dict[str, ModuleType | Any] = sys.modules
     if _BLAS in modules or "numba.np.arraymath" in modules:

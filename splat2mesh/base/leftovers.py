@@ -91,7 +91,7 @@ def claim(workspace: Path) -> int:
 
 
 def release(workspace: Path, lock: int) -> None:
-    """Remove the folder with all that is in it, and its lock. What could not be put back stays in it.
+    """Remove the folder, its content and its lock. A previous output that could not be restored stays in it.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def release(workspace: Path, lock: int) -> None:
 
 
 def sweep(folder: Path) -> None:
-    """Put back or remove what killed runs left in a folder. What others hold is let alone.
+    """Restore or remove what killed runs left in a folder, except folders that other runs hold.
 
     Parameters
     ----------
@@ -142,7 +142,7 @@ def sweep(folder: Path) -> None:
 
 
 def _ours(workspace: Path) -> bool:
-    """Whether it is a folder that holds only what this module writes there. Raises OSError where it is gone."""
+    """Whether it is a folder with nothing but this module's entries. Raises OSError if it is gone."""
     if workspace.is_symlink():
         return False
     try:
@@ -152,7 +152,7 @@ def _ours(workspace: Path) -> bool:
 
 
 def _clean(workspace: Path) -> None:
-    """Empty a locked folder that a killed run left, and warn of what was done with it."""
+    """Empty a locked folder that a killed run left, with a warning."""
     message = f"removed {workspace}, left by a run that was killed"
     if os.path.lexists(workspace / OLD):
         target, replaced = _target(workspace), not os.path.lexists(workspace / NEW)
@@ -179,7 +179,7 @@ def _free_name(path: Path) -> Path:
 
 
 def _settled(workspace: Path) -> bool:
-    """Whether what had been moved aside is safe: its place was taken by the new, or it is put back there now."""
+    """Whether the previous output is safe: replaced by the new one, or restored now."""
     target = _target(workspace)
     if target is None:
         return False
@@ -218,7 +218,7 @@ def _locked(workspace: Path) -> int:
 
 
 def _is_still(workspace: Path, lock: int) -> bool:
-    """Whether the folder that is locked is the one that stands there: another run may have removed it meanwhile."""
+    """Whether the locked folder is still the one at this path: another run may have removed it meanwhile."""
     if lock < 0:
         return True
     try:

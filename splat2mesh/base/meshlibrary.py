@@ -12,7 +12,7 @@ PAGES = ("plotly", "plotly.graph_objects", "dash")
 
 
 class _Absent(ModuleType):
-    """Replaces a package that open3d imports and nothing uses."""
+    """Stands in for a package that open3d imports and nothing uses."""
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("__"):

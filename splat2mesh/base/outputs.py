@@ -26,10 +26,10 @@ def check_output(path: str | os.PathLike[str], overwrite: bool, marker: str | No
     """Refuse, before any work is done, an output that exists or cannot be made; clean up after runs that were killed.
 
     marker: name of a file that every folder written by the caller holds. Where it is given, no other folder or file
-    is replaced: `-o . --overwrite` must not delete what somebody keeps there.
+    is replaced: `-o . --overwrite` must not delete other files.
     Raises InputError when `path` exists and `overwrite` is false, when it lacks the marker and is not an empty
-    folder, when its name is too long, or when its parent folder cannot be written. Warns with a DataWarning about what
-    a killed run had left and what became of it.
+    folder, when its name is too long, or when its parent folder cannot be written. Warns with a DataWarning of
+    leftovers of a killed run and their fate.
     """
     path = Path(path)
     _check_names(path)
@@ -50,12 +50,11 @@ def staged_folder(
 ) -> Iterator[Path]:
     """Yield a temporary folder beside `path`; it becomes `path` when the block succeeds, vanishes when it fails.
 
-    keep: what the folder at `path` holds and the block does not write stays; the two appear together, in one step.
+    keep: existing entries of the folder at `path` that the block does not write stay; all appear in one step.
 
-    overwrite, marker: as for `check_output`, which is asked again before the rename: what appeared while the work ran
-    is spared, and stays as it is. What is replaced is exchanged with the new in one step, where the system can, so that
-    a crash at any moment loses neither. Raises InputError for an output that may not be replaced (any more), and where
-    another run is writing it at the moment.
+    overwrite, marker: as for `check_output`, which is checked again before the rename: an output that appeared
+    meanwhile stays. Old and new are exchanged in one step, where the system can, so a crash loses neither. Raises
+    InputError for an output that must not be replaced, and while another run writes it.
     """
     path = Path(path).absolute()
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -95,7 +94,7 @@ def staged_file(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 @contextmanager
 def _workspace(path: Path) -> Iterator[Path]:
-    """The claimed folder beside `path`, with an empty NEW in it; it is gone when the block ends, however it ends."""
+    """The claimed folder beside `path`, with an empty NEW in it; removed when the block ends, however it ends."""
     workspace, lock = workspace_of(path), None
 
     def vanish() -> None:
@@ -124,7 +123,7 @@ def _workspace(path: Path) -> Iterator[Path]:
 
 
 def _put(workspace: Path, path: Path, overwrite: bool, marker: str | None) -> None:
-    """Rename what is complete to its place."""
+    """Rename the complete output to its place."""
     staging, replaced = workspace / NEW, workspace / OLD
     _check_free(path, overwrite, marker)
     if not os.path.lexists(path):
@@ -144,7 +143,7 @@ def _put(workspace: Path, path: Path, overwrite: bool, marker: str | None) -> No
 
 
 def _carry_over(old: Path, new: Path) -> None:
-    """Give a folder all that another holds and it does not: files as further names of the same content, if possible."""
+    """Add to a folder the entries that only another folder has: files as hard links, if possible."""
     for entry in os.scandir(old):
         target = new / entry.name
         if entry.is_dir(follow_symlinks=False):

@@ -14,7 +14,7 @@ _UNABLE = (errno.EINVAL, errno.ENOSYS, errno.ENOTSUP, errno.EPERM)
 
 
 def rename_new(source: Path, target: Path) -> None:
-    """Rename where nothing stands.
+    """Rename to a path that does not exist.
 
     Parameters
     ----------
@@ -23,7 +23,7 @@ def rename_new(source: Path, target: Path) -> None:
     Raises
     ------
     FileExistsError
-        Where something does; both stay as they are.
+        If it exists; both stay unchanged.
     """
     if not _renameat2(source, target, _NOREPLACE):
         if os.path.lexists(target):
@@ -32,7 +32,7 @@ def rename_new(source: Path, target: Path) -> None:
 
 
 def exchange(source: Path, target: Path) -> bool:
-    """Swap two that exist, in one step.
+    """Swap two existing paths in one step.
 
     Parameters
     ----------

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 MIN_SHARED = 2048
-"""Vertices from which on it is worth to share them between cores."""
+"""Vertices from which sharing them between cores pays off."""
 
 _here = threading.local()
 
@@ -37,9 +37,9 @@ def cores() -> int:
 def shared(kernel: Callable) -> Callable:
     """Make loop(count, *arrays) of a compiled kernel(begin, end, *arrays) that releases the GIL.
 
-    The kernel runs over the items 0..count, in order, a part of them in each thread; so what it makes of one item must
-    not depend on the others, and the bits do not on the number of threads. For items that take long, such as rows of a
-    picture: for vertices there is `in_slices`.
+    The kernel runs over the items 0..count, in order, a part of them in each thread; so the result of an item must not
+    depend on the others, and the bits do not depend on the number of threads. For long items, such as rows of a
+    picture; vertices use `in_slices`.
     """
 
     @wraps(kernel)
@@ -68,7 +68,7 @@ def over(kernel: Callable, spans: Iterable[tuple[int, int]], *arrays: Any) -> No
 
 
 def in_order(function: Callable, *columns: Iterable, workers: int | None = None) -> Iterator:
-    """Yield what a function makes of each row of some columns, in their order; on so many threads, or all cores."""
+    """Yield a function's result for each row of some columns, in order; on so many threads, or all cores."""
     if (cores() if workers is None else workers) == 1:
         return map(function, *columns)
     return _pool().map(function, *columns)

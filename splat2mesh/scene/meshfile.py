@@ -40,7 +40,7 @@ MOST_COPIES = 16
 """Faces that may lie exactly on one another: leaves have two, and no mesh that was made with care more than a few."""
 
 LOOKED_AT, INVERTED = 4096, 0.9
-"""Faces in the sample, and the share of reversed normals from which on a warning follows."""
+"""Faces in the sample, and the share of reversed normals above which a warning follows."""
 
 
 def read_mesh(path: str | os.PathLike[str], in_place: bool = False, painted: bool = True) -> Mesh:

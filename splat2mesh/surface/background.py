@@ -36,7 +36,7 @@ SOLID = 0.3
 """Opacity above which a splat is solid enough to be counted here."""
 
 ENVIRONMENT_FROM = 5.0
-"""Percentile of the distances of the environment that a capture keeps apart, from which on the background begins."""
+"""Percentile of the distances of the environment that a capture keeps apart, above which the background begins."""
 
 EYES, FOV_DEG = 4, 95.0
 """Places to look around from, and the angle of each of their six views: a little over a cube's, so they overlap."""

@@ -113,7 +113,7 @@ def _convert(
 
 
 def _goes_on(store: Store, asked: dict[str, Any], overwrite: bool, resume: bool) -> bool:
-    """Whether there is a plan to go on with. Raises InputError for a place that may not be written."""
+    """Whether there is a plan to resume. Raises InputError for a folder that must not be written."""
     there = store.exists(FILE)
     if resume:
         if there and store.read_json(FILE)["asked"] != json.loads(json.dumps(asked)):
@@ -126,7 +126,7 @@ def _goes_on(store: Store, asked: dict[str, Any], overwrite: bool, resume: bool)
     elif there and not overwrite:
         raise InputError(f"{store.root} exists already: choose another `output`, or `overwrite` or `resume` it")
     store.remove(".")
-    store.write("work/begun", b"")  # a place that cannot be written fails before a large source is read
+    store.write("work/begun", b"")  # an unwritable folder fails before a large source is read
     return False
 
 
@@ -135,7 +135,7 @@ def _surveyed(steps: TaskSteps, pieces: list[CityPiece], asked: dict[str, Any]) 
     tasks = [Task(f"survey {n}", survey, (steps.store, n, piece, most)) for n, piece in enumerate(pieces)]
     found = steps.run("survey", tasks)
     lost = [done for done in found.values() if done.error]
-    if lost:  # a source that cannot be read is bad input, and nothing of value is there yet
+    if lost:  # an unreadable source is bad input, and nothing of value was written yet
         steps.store.remove(".")
         raise InputError(lost[0].error)
     counts = [found[task.name].result for task in tasks]
@@ -183,7 +183,7 @@ def _probed(steps: TaskSteps, plan: CityPlan, key: str, sources: dict[int, list[
 def _meshed(
     steps: TaskSteps, plan: CityPlan, key: str, sources: dict[int, list[int]], resumed: bool
 ) -> list[dict[str, Any]]:
-    """The records of all tiles. Raises UnfinishedError that names those that failed, once the others are done."""
+    """The records of all tiles. Raises UnfinishedError, which names the failed ones, once the others are done."""
     store, count = steps.store, len(plan.tiles)
     records: list[dict[str, Any] | None] = [None] * count
     if resumed:  # checksums of all that is there, which workers can share

@@ -1,8 +1,8 @@
 """Coarse twins of a tile: its occluder for the light of other tiles, and its display mesh from afar.
 
 Quadric decimation keeps the walls of houses best. It leaves trees as thousands of pieces, which it can neither join nor
-drop, and too few of them; merging the vertices of a cell keeps their shade. So both are tried, also one after the
-other, and rays show which twin hides most nearly what the tile hides.
+drop, and too few of them; merging the vertices of a cell keeps their shade. So both are tried, also in sequence, and
+rays choose the twin whose occlusion is nearest to the tile's.
 """
 
 import numpy as np
@@ -24,26 +24,27 @@ MERGED = 6
 """Vertices that merging leaves to decimation, for each that is wanted."""
 
 ALLOWED = 1.25
-"""A twin of more than so many times the vertices that are wanted is taken only where none has fewer."""
+"""A twin of more than so many times the wanted vertices is taken only if none has fewer."""
 
 BUNDLES, RAYS, WIDTH = 48, 400, 0.04
 """Bundles of parallel rays, the rays of each, and their spread as a share of the longest side of the tile."""
 
 ELEVATIONS_DEG = 3.0, 8.0, 20.0, 45.0
-"""From which the bundles come: the lower the sun, the more of the city lies in a tile's shadow."""
+"""Elevations of the bundles: the lower the sun, the more of the city lies in a tile's shadow."""
 
 _HALVINGS, _FINEST = 12, 2.0**-20  # of the search for the size of cells, and the least, in longest sides
 
 
 def twins(mesh: Mesh, tiles: int) -> tuple[Mesh, Mesh | None]:
-    """Of a tile of a city of so many: what others see of it, and what all the city holds of it, where that is less."""
+    """Vertices of a tile's twins in a city of so many tiles: for near tiles, and for the whole city, where that is
+    less."""
     most = max(LEAST, TOTAL // max(tiles, 1))
     far = coarse(mesh, max(FEW, min(most, round(SHARE * len(mesh.vertices)))))
     return far, None if len(far.vertices) <= ALLOWED * most else coarse(far, most)
 
 
 def coarse(mesh: Mesh, wanted: int) -> Mesh:
-    """A Mesh of about so many vertices that hides what the mesh hides, with the colours of the nearest."""
+    """A Mesh of about so many vertices with the occlusion of the mesh, and the colours of the nearest vertices."""
     from scipy.spatial import cKDTree
 
     from ..surface.decimate import decimate

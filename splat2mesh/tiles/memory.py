@@ -7,7 +7,7 @@ import os
 from ..base.errors import InputError
 
 BASE_GB = 0.5
-"""Peak of a process that works on tiles, before it has any: what its libraries take."""
+"""Peak of a process on tiles before it has any: the memory of its libraries."""
 
 MAPPED, KEPT, ARENAS = 32 << 20, 256 << 20, 1
 """How glibc allocates memory on a worker: blocks of less bytes than the first, the most it takes, come from the heap;
@@ -27,15 +27,15 @@ def check_memory(memory_gb: float, least_gb: float) -> None:
 
 
 def give_back() -> None:
-    """Return what is free within the heap to the system. Thousands of maps, some of which go, leave it full of holes
-    that no large array fits into."""
+    """Return free memory within the heap to the system. Freed maps, of thousands, leave holes that no large array fits
+    into."""
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None) if os.name == "posix" else None
     if trim is not None:
         trim(0)
 
 
 def keep_memory() -> bool:
-    """Let this process keep freed memory for what comes next; whether it could, as with glibc alone."""
+    """Let this process keep freed memory for later arrays; returns whether it could, which needs glibc."""
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None) if os.name == "posix" else None
     if mallopt is None:
         return False

@@ -1,4 +1,4 @@
-"""The check that the meshes of a city fit together: every border from both sides, in the written files."""
+"""Check that the meshes of a city join: every border from both sides, in the written files."""
 
 from typing import Any
 

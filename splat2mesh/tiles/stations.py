@@ -21,7 +21,7 @@ CLEAR_CELLS = 2.0
 """Cells between a station and the nearest taken one, at least."""
 
 ROOMY = 0.3
-"""Clearance, in distances between stations, beyond which a place is no better for more."""
+"""Clearance, in distances between stations, beyond which more does not improve a place."""
 
 NEAR = 0.3
 """Near plane over the clearance."""
@@ -51,7 +51,7 @@ def stations_of(
     taken[tuple(at.T)] = True
     if not taken.any():
         return []
-    # Under the ground is no place either: all below the lowest taken cell of a column counts as taken.
+    # No station stands under the ground: all below the lowest taken cell of a column counts as taken.
     some = np.asarray(taken.any(axis=1))
     first = np.where(some, taken.argmax(axis=1), 0)
     taken |= (np.arange(shape[1])[None, :, None] < first[:, None, :]) & some[:, None, :]

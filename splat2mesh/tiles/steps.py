@@ -13,7 +13,7 @@ SHOWN = 5
 
 
 class TaskSteps:
-    """Runs the tasks of one step after another. took: what became of every task so far, by its name."""
+    """Runs the tasks of one step after another. took: the outcome of every task so far, by its name."""
 
     def __init__(
         self,
@@ -48,6 +48,6 @@ class TaskSteps:
 
 
 def name_failed(lost: list[Done]) -> str:
-    """Some failed tasks and why, in one line; those that only waited for others are left out."""
+    """Some failed tasks and their reasons, in one line; tasks that only waited for others are left out."""
     failed = [done for done in lost if not done.error.startswith("waits")]
     return "; ".join(f"{done.name}: {done.error}" for done in failed[:SHOWN])

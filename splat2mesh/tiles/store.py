@@ -34,7 +34,7 @@ class Store:
 
     @property
     def is_local(self) -> bool:
-        """Whether it is a folder of this machine."""
+        """Whether it is a local folder."""
         return "://" not in self.root
 
     def path(self, name: str) -> str:
@@ -63,7 +63,7 @@ class Store:
             raise InputError(f"cannot write {path}: {_reason(error)}") from error
 
     def read(self, name: str) -> bytes:
-        """The bytes of a file. Raises InputError where it is not there."""
+        """The bytes of a file. Raises InputError if it is missing."""
         path = self.path(name)
         try:
             if not self.is_local:
@@ -74,7 +74,7 @@ class Store:
             raise InputError(f"cannot read {path}: {_reason(error)}") from error
 
     def read_unchanged(self, name: str, sha256: str) -> bytes:
-        """The bytes of a file that all tasks share. Raises InputError where its checksum is another one."""
+        """The bytes of a file that all tasks share. Raises InputError if its checksum differs."""
         data = self.read(name)
         if hashlib.sha256(data).hexdigest() != sha256:
             raise InputError(f"{self.path(name)} has changed while it was worked on")
@@ -104,7 +104,7 @@ class Store:
         return {name.removeprefix(top).lstrip("/"): int(about["size"]) for name, about in sorted(found.items())}
 
     def remove(self, folder: str) -> None:
-        """Remove a folder of files, where it is there."""
+        """Remove a folder of files, if it exists."""
         import shutil
 
         where = self.root if folder == "." else self.path(folder)
@@ -114,7 +114,7 @@ class Store:
             self._gone(where, recursive=True)
 
     def remove_file(self, name: str) -> None:
-        """Remove a file, where it is there."""
+        """Remove a file, if it exists."""
         if self.is_local:
             if os.path.lexists(self.path(name)):
                 os.unlink(self.path(name))
@@ -126,7 +126,7 @@ class Store:
             if self._remote().exists(where):
                 self._remote().rm(where, recursive=recursive)
         except FileNotFoundError:
-            pass  # somebody else was faster
+            pass  # another process was faster
         except Exception as error:
             raise InputError(f"cannot remove {where}: {_reason(error)}") from error
 
@@ -159,7 +159,7 @@ class Store:
         return value
 
     def committed(self, record: str) -> dict[str, Any] | None:
-        """A record whose files are all there and whole, or None."""
+        """A record whose files are all present and whole, or None."""
         if not self.exists(record):
             return None
         value = self.read_json(record)

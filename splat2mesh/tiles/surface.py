@@ -93,7 +93,7 @@ def tile_mesh(raw: Raw, tile: int, album: Album | None, plan: CityPlan) -> tuple
     local, vertices, kept = corners.reshape(-1, 3).astype(np.int32), at[used].astype(np.float32), kept[used]
     directions = normals_of(vertices.astype(np.float64), local)
     border = np.flatnonzero(kept >= 0)
-    directions[border] = normals[kept[border]]  # what the ring says, as the other side does
+    directions[border] = normals[kept[border]]  # from the ring, as on the other side
     shown = album.look_up(vertices, directions.astype(np.float32))[0]
     unseen = np.isnan(shown[:, 0])
     shown[unseen & (kept >= 0)] = GREY
@@ -142,8 +142,8 @@ def _borders(raw: Raw, tile: int, kept: Indices, faces: Faces, points: Points) -
 
 
 def without_loose(faces: NDArray, seam: NDArray) -> tuple[NDArray, int]:
-    """Faces without parts of less than SMALLEST_FACES, and how many parts went. What reaches a border stays: the other
-    side may hold the rest of it."""
+    """Faces without parts of less than SMALLEST_FACES, and how many parts went. Parts at a border stay: the other side
+    may hold the rest."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
 

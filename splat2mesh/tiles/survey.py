@@ -136,7 +136,7 @@ def splats_of(
 
 
 def say_dropped(counts: list[dict[str, Any]]) -> None:
-    """Warn of splats that are of no use, all pieces together."""
+    """Warn of unusable splats, all pieces together."""
     total = sum(count["splats"] for count in counts)
     broken = {
         "a NaN or infinite value": "non_finite",

@@ -91,7 +91,7 @@ class Loop:
     workers, dashboard = 1, None
 
     def run(self, tasks: Sequence[Task]) -> Iterator[Done]:
-        """Yield what became of each, in their order; each task stands after those it waits for."""
+        """Yield each outcome, in order; each task stands after those it waits for."""
         failed: set[str] = set()
         for task in tasks:
             lost = [name for name in task.after if name in failed]
@@ -120,7 +120,7 @@ class Cluster:
         return len(self.client.scheduler_info(n_workers=-1)["workers"])
 
     def run(self, tasks: Sequence[Task]) -> Iterator[Done]:
-        """Yield what became of each, as they come."""
+        """Yield each outcome as it arrives."""
         from dask import delayed
         from dask.distributed import as_completed
 
@@ -176,8 +176,8 @@ def engine(scheduler: str | None, workers: int | None, memory_gb: float | None) 
     settings = {
         "distributed.scheduler.allowed-failures": DEATHS,
         "distributed.logging.distributed": "critical",
-        "distributed.worker.profile.enabled": False,  # a thread that looks at the task all the time
-        # tasks take seconds: what looks at each process fifty times a second took 6% of a core
+        "distributed.worker.profile.enabled": False,  # a thread that polls the task all the time
+        # tasks take seconds: polling each process fifty times a second took 6% of a core
         "distributed.admin.tick.interval": "1s",
         "distributed.admin.system-monitor.interval": "5s",
         "distributed.worker.memory.monitor-interval": "500ms",
@@ -200,7 +200,7 @@ def engine(scheduler: str | None, workers: int | None, memory_gb: float | None) 
         shown = find_spec("bokeh") is not None
         with _set_environment({name: threads for name in _THREADS} | ONE_BLAS_THREAD):
             with warnings.catch_warnings():
-                warnings.filterwarnings("ignore", "Port ", UserWarning)  # another run has it: any other will do
+                warnings.filterwarnings("ignore", "Port ", UserWarning)  # another run has it: any other port will do
                 cluster = LocalCluster(
                     n_workers=workers,
                     threads_per_worker=1,

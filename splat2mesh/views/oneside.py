@@ -17,10 +17,10 @@ SHARPEST_BEHIND = 0.25
 """Quantile of the views from behind that must be blurred: nearly all of them."""
 
 NEAR_BEST = 0.9
-"""Contrast over the best one from which on a direction has a say in which way the front is."""
+"""Contrast over the best one above which a direction helps to decide where the front is."""
 
 CONTRAST = 1.6
-"""Blur from behind over blur from the front, from which on a capture is one-sided. A row of cameras before a kitchen
+"""Blur from behind over blur from the front, above which a capture is one-sided. A row of cameras before a kitchen
 has 1.9 to 3.4, and a shed behind a fence 2.0 to 2.7. Thirteen objects and grounds captured from around have .9 to 1.25,
 a relief with a back among them. A generated nook, whose outer walls are plain, has 1.6 by its pictures, but 1.0 by its
 surfaces alone, where kitchen and shed have 2.2."""

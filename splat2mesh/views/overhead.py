@@ -16,7 +16,7 @@ from ..render.view import View
 from .eyes import Eye, around
 
 UP_LEAST = 0.5
-"""Sine of the angle above the horizon from which on a line looks at the ceiling: lower ones pass through windows."""
+"""Least sine of a line's elevation at which it looks at the ceiling: lower lines pass through windows."""
 
 MOST_LINES = 50_000
 """Lines of sight at most."""

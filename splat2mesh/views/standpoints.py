@@ -69,7 +69,7 @@ class StandpointCalibration:
 STANDPOINTS = StandpointCalibration()
 
 ROOM_SHARE = STANDPOINTS.room_share
-"""Share of enclosed free positions from which on a capture shows a room."""
+"""Share of enclosed free positions above which a capture shows a room."""
 
 ROOM_EYES, GARDEN_EYES = 24, 24
 """Eyes at most: in the open, views from around join them."""
@@ -79,7 +79,7 @@ STEEP, BURIED = 0.5, 0.5
 and on a plaza the ratio was 0 to .1 there, and 1.5 or more at the eyes chosen above the ground."""
 
 STRAYS = 2.0
-"""Percentile of the heights at which rays hit the foreground, from which on they are the ground."""
+"""Percentile of the heights at which rays hit the foreground, above which they are the ground."""
 
 NEAR_CLEARANCE, NEAR_DIAGONAL = 0.3, 0.002
 """Near plane of an eye: the part of the way to its nearest surfaces, and of the scene's diagonal at least."""
@@ -119,7 +119,7 @@ def standpoints(
     seed: int = 0,
     up: Vector | None = None,
 ) -> Standpoints:
-    """Find out how a splat was captured, or obey.
+    """Find how a splat was captured, or take the given answer.
 
     splats: cleaned Splats. bounds: (2, 3) box of their foreground. choice: one of CHOICES. hints: (3,) places where an
     eye shall stand, in the splats' frame. seed: of the places that are tried. up: (3,) unit, in the splats' frame:
