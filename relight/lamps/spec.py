@@ -32,14 +32,6 @@ _WORD = re.compile(r"(?<!\s)\s+(?=\w+\s*=)")
 _KEY = re.compile(r"(\w+)\s*=\s*(.*)", re.DOTALL)
 
 
-def parse_lamp(text: str) -> AskedLamp:
-    """The one lamp that a text asks for. Raises InputError, in one line, for anything else."""
-    found = parse_lamps(text)
-    if len(found) != 1:
-        raise InputError(f"`placed` {clip(text)}: has {len(found)} lamps, expected one")
-    return found[0]
-
-
 def parse_lamps(text: str) -> list[AskedLamp]:
     """The lamps that a text asks for: one, or those of a file. Raises InputError, in one line, for anything else."""
     if len(text) > LONGEST_SPEC:

@@ -139,9 +139,3 @@ def rgbe(image: Radiance) -> NDArray[np.uint8]:
     bytes_ = np.concatenate([np.clip(mantissa, 0, 255), exponent[..., None] + 128], axis=-1)
     bytes_[largest <= 1e-32] = 0
     return bytes_.astype(np.uint8)
-
-
-def from_rgbe(packed: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """Radiance (..., 3) float32 of RGBE bytes (..., 4): the middle of the interval that rounds to them."""
-    scale = np.ldexp(1.0, packed[..., 3:].astype(int) - 136)
-    return np.where(packed[..., 3:] > 0, (packed[..., :3] + 0.5) * scale, 0.0).astype(np.float32)
