@@ -13,6 +13,7 @@ import numpy as np
 
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.inputs import inside
+from splat2mesh.base.specs import clip
 
 from .asked import (
     BULB_M,
@@ -95,17 +96,6 @@ def meant(word: str, known: Iterable[str]) -> str:
     """A suggestion for an unknown word, as the end of a phrase."""
     near = difflib.get_close_matches(str(word).lower()[:40], list(known), 1)
     return f"; did you mean {near[0]}?" if near else ""
-
-
-def clip(value: Any) -> str:
-    """A value in a message: one line, not long."""
-    words = " ".join(str(value).split())
-    return words if len(words) <= 40 else words[:37] + "..."
-
-
-def plain(error: InputError) -> str:
-    """The text of an error in one line, in which no field is read as an option of the command line."""
-    return " ".join(str(error).split()).replace("`", "")
 
 
 def vector(name: str, value: Any) -> Vector:
