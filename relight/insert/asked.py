@@ -13,14 +13,13 @@ import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
+from splat2mesh.base.arrays import Triple
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.inputs import inside
 from splat2mesh.base.specs import clip, parse_spec, plain
 from splat2mesh.scene.mesh import Mesh
-
-Vector: TypeAlias = tuple[float, float, float]
 
 WORDS = ("at", "turn", "scale", "on", "albedo")
 """Keys of the name=value words after a file."""
@@ -43,11 +42,11 @@ class AskedInsert:
     """
 
     source: "str | os.PathLike[str] | Mesh"
-    at: Vector = (0.0, 0.0, 0.0)
+    at: Triple = (0.0, 0.0, 0.0)
     turn_deg: float = 0.0
     scale: float | None = None
     on: str | None = None
-    albedo: Vector | None = None
+    albedo: Triple | None = None
 
     def __post_init__(self) -> None:
         set_to = object.__setattr__
@@ -143,7 +142,7 @@ def _made(file: str, given: Mapping[str, Any]) -> AskedInsert:
     return AskedInsert(file, **fields)
 
 
-def _vector(name: str, value: Any) -> Vector:
+def _vector(name: str, value: Any) -> Triple:
     parts = value.split(",") if isinstance(value, str) else value
     try:
         x, y, z = (_number(name, each, -1e12, 1e12) for each in parts)
@@ -152,7 +151,7 @@ def _vector(name: str, value: Any) -> Vector:
     return x, y, z
 
 
-def _albedo(value: Any) -> Vector:
+def _albedo(value: Any) -> Triple:
     parts = value.split(",") if isinstance(value, str) else value
     parts = [parts] * 3 if isinstance(parts, (int, float)) else list(parts) * (3 if len(parts) == 1 else 1)
     red, green, blue = _vector("albedo", parts)

@@ -65,8 +65,8 @@ def captured_alone(factor: float, unit: float = 1.0) -> PortableLight:
     """The PortableLight of the captured light alone, times a factor."""
     nothing = np.zeros((BANDS**2, 3))
     image = np.zeros((*IMAGE, 3), np.float32)
-    beside = float(factor), float(unit), True
-    return PortableLight(CAPTURED, image, nothing, nothing, Suns.none(), 1.0, 0.0, 0.0, *beside)
+    light = PortableLight(CAPTURED, image, nothing, nothing, Suns.none(), exposure=1.0, mean=0.0)
+    return light._replace(captured=float(factor), unit=float(unit), keeps_sky=True)
 
 
 def light_of(environment: Environment, exposure: float, lamps: float = 0.0) -> PortableLight:
