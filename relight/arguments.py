@@ -164,19 +164,11 @@ def parser() -> argparse.ArgumentParser:
     add("--capture-tint", metavar="R,G,B|KELVIN", help=tint)
     white = "instead of --capture-tint a place in the frame of the splat whose surface is white or grey"
     add("--white", dest="white_at", metavar="X,Y,Z", help=white)
-    method = f"{', '.join(METHODS)}; the last three trace no shadows, auto is raytraced "
-    method += f"(default: {LightingOptions.method})"
-    add("--method", metavar="NAME", help=method)
     tolerance = "accepted relative error of the light; effects that it does not need are skipped "
     tolerance += f"(default: {DEFAULT_TOLERANCE:g}, which is {DEFAULT_TOLERANCE:.0%}%; for places {PLACE_TOLERANCE:g})"
     add("--tolerance", metavar="ERROR", help=tolerance)
     budget = "replaces the tolerance: the most accurate light in this time"
     add("--budget", type=float, dest="budget_s", metavar="SECONDS", help=budget)
-    effects = f"auto (what the scene needs), none, or some of {','.join((*EFFECTS, GLOSS))} "
-    effects += f"(default: {LightingOptions.effects})"
-    add("--effects", metavar="LIST", help=effects)
-    add("--bands", type=int, metavar="1..10", help="SH bands (default: as planned)")
-    add("--rays", type=int, metavar="N", help="rays per vertex (default: as planned)")
     add("--plan", action="store_true", help="print what the command would do and what accuracy costs here; do nothing")
     add(
         "--no-cache",
@@ -186,6 +178,16 @@ def parser() -> argparse.ArgumentParser:
         help="do not use or keep intermediate results in SCENE/cache",
     )
     add("--clear-cache", action="store_true", help="empty SCENE/cache first")
+
+    add = parser.add_argument_group("expert: in place of what the plan chooses").add_argument
+    method = f"{', '.join(METHODS)}; the last three trace no shadows, auto is raytraced "
+    method += f"(default: {LightingOptions.method})"
+    add("--method", metavar="NAME", help=method)
+    effects = f"auto (what the scene needs), none, or some of {','.join((*EFFECTS, GLOSS))} "
+    effects += f"(default: {LightingOptions.effects})"
+    add("--effects", metavar="LIST", help=effects)
+    add("--bands", type=int, metavar="1..10", help="SH bands (default: as planned)")
+    add("--rays", type=int, metavar="N", help="rays per vertex (default: as planned)")
     add("--seed", type=int, metavar="N", help=f"seed of the ray directions (default: {LightingOptions.seed})")
 
     add = parser.add_argument_group("session").add_argument

@@ -20,14 +20,14 @@ RIDGE = 0.1
 """Pixels that hold each coefficient back: Gaussians that few pixels show change little. 2 loses 0.15 dB on a trained
 table. A fifth of it for the constant one, which every view shows."""
 
-View: TypeAlias = tuple[Blending, NDArray[np.int64], NDArray[np.float64]]
+BlendedView: TypeAlias = tuple[Blending, NDArray[np.int64], NDArray[np.float64]]
 """Blending of one view; (Q,) the pixels that count; (3,) the eye."""
 
 
 def fitted(
     means: NDArray[np.float32],  # (N, 3) centres of the Gaussians of the views
     rows: NDArray[np.int64],  # (G,) those that may change
-    views: Sequence[View],
+    views: Sequence[BlendedView],
     errors: Sequence[NDArray[np.float32]],  # of each view, (P, 3), what its pixels lack; 0 where they do not count
     degree: int,
 ) -> NDArray[np.float32]:

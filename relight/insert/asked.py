@@ -4,23 +4,22 @@
     statue.glb at=1.55,0,-.6 turn=30 scale=.5 on=floor
     layout.json
 
-A value ends where the next word with a = begins, so that paths may have spaces.
+The words are those of `splat2mesh.base.specs`.
 """
 
 import json
 import math
 import os
-import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
+from splat2mesh.base.arrays import Triple
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.inputs import inside
+from splat2mesh.base.specs import clip, parse_spec, plain
 from splat2mesh.scene.mesh import Mesh
-
-Vector: TypeAlias = tuple[float, float, float]
 
 WORDS = ("at", "turn", "scale", "on", "albedo")
 """Keys of the name=value words after a file."""
@@ -29,11 +28,6 @@ SUPPORTS = ("floor",)
 """The surfaces that an object may be dropped on."""
 
 MOST_SCALE = 1e6
-
-LONGEST_TEXT = 4096
-
-_WORD = re.compile(r"(?<!\s)\s+(?=\w+\s*=)")
-_KEY = re.compile(r"(\w+)\s*=\s*(.*)", re.DOTALL)
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,11 +42,11 @@ class AskedInsert:
     """
 
     source: "str | os.PathLike[str] | Mesh"
-    at: Vector = (0.0, 0.0, 0.0)
+    at: Triple = (0.0, 0.0, 0.0)
     turn_deg: float = 0.0
     scale: float | None = None
     on: str | None = None
-    albedo: Vector | None = None
+    albedo: Triple | None = None
 
     def __post_init__(self) -> None:
         set_to = object.__setattr__
@@ -61,7 +55,7 @@ class AskedInsert:
         if self.scale is not None:
             set_to(self, "scale", _number("scale", self.scale, 0.0, MOST_SCALE))
         if self.on is not None and self.on not in SUPPORTS:
-            raise InputError(f"on {_clip(self.on)}: expected {' or '.join(SUPPORTS)}")
+            raise InputError(f"on {clip(self.on)}: expected {' or '.join(SUPPORTS)}")
         if self.albedo is not None:
             set_to(self, "albedo", _albedo(self.albedo))
 
@@ -86,7 +80,7 @@ def asked_inserts(inserted: Iterable[Any]) -> list[AskedInsert]:
         elif isinstance(each, (str, os.PathLike)):
             found += _parsed(os.fspath(each))
         else:
-            raise InputError(f"`inserted` {_clip(each)}: expected a file, a text, a Mesh or an AskedInsert")
+            raise InputError(f"`inserted` {clip(each)}: expected a file, a text, a Mesh or an AskedInsert")
     return found
 
 
@@ -98,20 +92,9 @@ def described(asked: AskedInsert) -> dict[str, Any]:
 
 def _parsed(text: str) -> list[AskedInsert]:
     try:
-        if len(text) > LONGEST_TEXT:
-            raise InputError(f"{len(text)} letters, expected at most {LONGEST_TEXT}")
-        words = _WORD.split(text.strip())
-        head = words.pop(0)
-        if _KEY.fullmatch(head) or not head:
+        head, given = parse_spec(text)
+        if not head:
             raise InputError("expected a file first, such as statue.glb at=1.5,0,-.6")
-        given: dict[str, Any] = {}
-        for word in words:
-            match = _KEY.fullmatch(word)
-            if match is None:  # unreachable by the split, and no reason to trust that
-                raise InputError(f"{_clip(word)}: expected name=value")
-            if match[1] in given:
-                raise InputError(f"{_clip(match[1])}: given twice")
-            given[match[1]] = match[2]
         if not os.path.lexists(head):
             raise InputError("no such file")
         layout = _layout(Path(head)) if head.lower().endswith(".json") else None
@@ -121,8 +104,7 @@ def _parsed(text: str) -> list[AskedInsert]:
             raise InputError(f"{next(iter(given))}: a layout sets the positions of its objects")
         return layout
     except InputError as error:
-        problem = " ".join(str(error).split()).replace("`", "")
-        raise InputError(f"`inserted` {_clip(text)}: {problem}") from None
+        raise InputError(f"`inserted` {clip(text)}: {plain(error)}") from None
 
 
 def _layout(path: Path) -> list[AskedInsert] | None:
@@ -145,7 +127,7 @@ def _layout(path: Path) -> list[AskedInsert] | None:
         fields = {name: value for name, value in each.items() if name != "file"}
         file = inside(path.parent, each["file"], path)
         if not file.exists():
-            raise InputError(f"object {number}: {_clip(each['file'])}: no such file beside the layout")
+            raise InputError(f"object {number}: {clip(each['file'])}: no such file beside the layout")
         found.append(_made(str(file), fields))
     return found
 
@@ -153,28 +135,28 @@ def _layout(path: Path) -> list[AskedInsert] | None:
 def _made(file: str, given: Mapping[str, Any]) -> AskedInsert:
     for word in given:
         if word not in WORDS:
-            raise InputError(f"{_clip(word)}: expected some of {', '.join(WORDS)}")
+            raise InputError(f"{clip(word)}: expected some of {', '.join(WORDS)}")
     fields = {{"turn": "turn_deg"}.get(word, word): value for word, value in given.items()}
     if "at" not in fields:
         raise InputError("at: missing; give its position, such as at=1.5,0,-.6")
     return AskedInsert(file, **fields)
 
 
-def _vector(name: str, value: Any) -> Vector:
+def _vector(name: str, value: Any) -> Triple:
     parts = value.split(",") if isinstance(value, str) else value
     try:
         x, y, z = (_number(name, each, -1e12, 1e12) for each in parts)
     except (TypeError, ValueError):  # InputError is one
-        raise InputError(f"{name} {_clip(value)}: expected three numbers, such as 1.5,0,-.6") from None
+        raise InputError(f"{name} {clip(value)}: expected three numbers, such as 1.5,0,-.6") from None
     return x, y, z
 
 
-def _albedo(value: Any) -> Vector:
+def _albedo(value: Any) -> Triple:
     parts = value.split(",") if isinstance(value, str) else value
     parts = [parts] * 3 if isinstance(parts, (int, float)) else list(parts) * (3 if len(parts) == 1 else 1)
     red, green, blue = _vector("albedo", parts)
     if not all(0.0 <= each <= 1.0 for each in (red, green, blue)):
-        raise InputError(f"albedo {_clip(value)}: expected one or three linear values from 0 to 1")
+        raise InputError(f"albedo {clip(value)}: expected one or three linear values from 0 to 1")
     return red, green, blue
 
 
@@ -184,10 +166,5 @@ def _number(name: str, value: Any, least: float, most: float) -> float:
     except (TypeError, ValueError):
         number = math.nan
     if not (math.isfinite(number) and least <= number <= most) or (name == "scale" and number == 0.0):
-        raise InputError(f"{name} {_clip(value)}: expected a number" + " above 0" * (name == "scale"))
+        raise InputError(f"{name} {clip(value)}: expected a number" + " above 0" * (name == "scale"))
     return number
-
-
-def _clip(value: Any) -> str:
-    words = " ".join(str(value).split())
-    return words if len(words) <= 60 else words[:57] + "..."

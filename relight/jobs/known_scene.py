@@ -163,9 +163,15 @@ class KnownScene(Inputs):
             return None
         from ..gloss import SceneGloss
 
-        seed = self.request.lighting.seed
-        asked = self.cache, seed, self.stages, self._lamp_light
-        return SceneGloss(self.scene, self.splats[0], lambda: self.binding, *asked)
+        return SceneGloss(
+            self.scene,
+            self.splats[0],
+            binding=lambda: self.binding,
+            cache=self.cache,
+            seed=self.request.lighting.seed,
+            stages=self.stages,
+            lamps=self._lamp_light,
+        )
 
     def _lamp_light(self) -> "LampLight | None":
         return self.beside.lamp_light if self.mixes else None
@@ -276,8 +282,15 @@ class KnownScene(Inputs):
         """The light beside an environment."""
         from .extra_light import ExtraLight
 
-        asked = self.options, self.asked_lamps, self.environment, self.request.exposure_ev
-        return ExtraLight(*asked, self.relighter, self.appearance, self.room)
+        return ExtraLight(
+            options=self.options,
+            asked_lamps=self.asked_lamps,
+            environment=self.environment,
+            exposure_ev=self.request.exposure_ev,
+            relighter=self.relighter,
+            look=self.appearance,
+            room=self.room,
+        )
 
     @cached_property
     def pass_views(self) -> "list[View] | None":

@@ -179,22 +179,41 @@ class Writer:
         live = engines = None
         if splats is not None and {"live", "web"} & set(formats):
             others = [light_of(each) for each in (*asked.lights, *BUILTIN)]
-            beside = job.room, job.beside.live(), job.beside.level_under
-            live = LiveFiles(written, others, job.exposure_of, asked.lighting.tolerance, *beside)
+            live = LiveFiles(
+                written,
+                others,
+                job.exposure_of,
+                asked.lighting.tolerance,
+                room=job.room,
+                mixture=job.beside.live(),
+                level_of=job.beside.level_under,
+            )
         if asked.live_mesh or {*FOR_ENGINES} & {*formats}:
             engines = EngineFiles(written, formats, asked.live_mesh, asked.harmonics)
         around = None
         if {*AROUND} & {*formats}:
             source = splats[1][0] if splats is not None and len(splats[1]) == 1 else None
-            places = asked.probe_at, source, asked.probe_grid
-            around = AroundFiles(job.scene, relighter.occluder, formats, job.light_around, *places)
+            around = AroundFiles(
+                job.scene,
+                relighter.occluder,
+                formats,
+                job.light_around,
+                places=asked.probe_at,
+                source=source,
+                grid=asked.probe_grid,
+            )
         clean = None
         if splats is not None and {*WITHOUT_LIGHT} & {*formats}:
             clean = CleanFiles(job.scene, *splats, job.stages)
         passes = None
         if "passes" in formats:
-            ways = lambda: job.appearance.albedo, job.light_parts, lambda: job.pass_views
-            passes = PassFiles(job.scene, *ways, asked.color_space)
+            passes = PassFiles(
+                job.scene,
+                albedo=lambda: job.appearance.albedo,
+                parts=job.light_parts,
+                views=lambda: job.pass_views,
+                space=asked.color_space,
+            )
         own = OwnWriters(live, engines, around, clean, passes)
         return Results(written, formats, asked.baked, asked.texture_size, own)
 

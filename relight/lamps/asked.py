@@ -12,6 +12,7 @@ from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
+from splat2mesh.base.arrays import Triple
 from splat2mesh.base.errors import InputError
 from splat2mesh.scene.color import luminance
 
@@ -23,7 +24,6 @@ from .shapes import (
     MeshLamp,
     SphereLamp,
     TubeLamp,
-    Vector,
     checked_light,
     checked_size,
     checked_vector,
@@ -80,7 +80,7 @@ class AskedLamp:
 
     shape: Lamp
     brightness: Brightness = DEFAULT_BRIGHTNESS
-    color: Vector = WHITE
+    color: Triple = WHITE
     name: str = ""
     radius_in_metres: bool = False
 
@@ -106,7 +106,7 @@ class LampScale:
             object.__setattr__(self, name, checked_size(name, getattr(self, name)))
 
 
-def in_picture_units(light: Sequence[float]) -> tuple[Vector, Brightness]:
+def in_picture_units(light: Sequence[float]) -> tuple[Triple, Brightness]:
     """Linear RGB in units of the picture as a colour of luminance 1, white for black, and a brightness."""
     red, green, blue = (float(each) for each in light)
     bright = float(luminance([red, green, blue]))
@@ -177,7 +177,7 @@ def in_words(lamp: Lamp, scale: LampScale, place: str = "room") -> str:
     return text
 
 
-def moved(shape: Lamp, offset: Vector) -> Lamp:
+def moved(shape: Lamp, offset: Triple) -> Lamp:
     """A lamp moved by `offset`, in its own unit of length."""
     by = np.asarray(checked_vector("at", offset))
     if isinstance(shape, MeshLamp):

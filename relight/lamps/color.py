@@ -10,12 +10,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from splat2mesh.base.arrays import Triple
 from splat2mesh.base.errors import InputError
 from splat2mesh.scene.color import linear_from_srgb
 
-from .shapes import Vector, checked_light
+from .shapes import checked_light
 
-WHITE: Vector = (1.0, 1.0, 1.0)
+WHITE: Triple = (1.0, 1.0, 1.0)
 
 COLDEST_K, HOTTEST_K = 1000.0, 25000.0
 
@@ -52,7 +53,7 @@ def luminance(color_linear: Sequence[float]) -> float:
     return 0.2126 * red + 0.7152 * green + 0.0722 * blue
 
 
-def parse_color(value: str | Sequence[float]) -> Vector:
+def parse_color(value: str | Sequence[float]) -> Triple:
     """The colour that a text or three numbers mean, linear with luminance 1.
 
     value: "3000K", "#ffcc88" or "ffcc88" (sRGB), a name of TEMPERATURES or NAMES, or linear RGB, as a text with commas
@@ -76,7 +77,7 @@ def parse_color(value: str | Sequence[float]) -> Vector:
     raise InputError(f"`color` {' '.join(value.split())[:40]}: expected {expected}{meant}")
 
 
-def blackbody(kelvin: float) -> Vector:
+def blackbody(kelvin: float) -> Triple:
     """The colour of a black body, linear with luminance 1.
 
     kelvin: from 1000 to 25000. Below 1900 K its blue lies outside Rec. 709 and is taken as 0.
@@ -93,7 +94,7 @@ def blackbody(kelvin: float) -> Vector:
     return _of_luminance_1((red, green, blue))
 
 
-def _of_luminance_1(color: Vector) -> Vector:
+def _of_luminance_1(color: Triple) -> Triple:
     bright = luminance(color)
     red, green, blue = (each / bright if bright > 0.0 else math.inf for each in color)
     if not max(red, green, blue) < math.inf:

@@ -10,10 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from splat2mesh.base.arrays import Triple
+
 from .color import WHITE, luminance
 from .gltf_lights import PUNCTUAL
 from .photometry import axis_intensity, flux
-from .shapes import Lamp, MeshLamp, ProfileLamp, RectangleLamp, SphereLamp, SpotLamp, TubeLamp, Vector
+from .shapes import Lamp, MeshLamp, ProfileLamp, RectangleLamp, SphereLamp, SpotLamp, TubeLamp
 from .usd_lights import POINT_RADIUS, library
 
 WIDEST_DEG = 90.0
@@ -176,7 +178,7 @@ def _define(pxr: Any, stage: Any, path: str, lamp: Lamp) -> None:
 
 
 def _rectangle(
-    pxr: Any, stage: Any, path: str, center: Vector, edge_u: Vector, edge_v: Vector, radiance: Vector
+    pxr: Any, stage: Any, path: str, center: Triple, edge_u: Triple, edge_v: Triple, radiance: Triple
 ) -> None:
     light = pxr.UsdLux.RectLight.Define(stage, path)
     u, v = np.array(edge_u), np.array(edge_v)
@@ -211,7 +213,7 @@ def _shine(pxr: Any, light: Any, radiance: NDArray) -> None:
     light.CreateColorAttr(pxr.Gf.Vec3f(*color))
 
 
-def _place(pxr: Any, light: Any, position: Vector, frame: NDArray) -> None:
+def _place(pxr: Any, light: Any, position: Triple, frame: NDArray) -> None:
     """frame (3, 3): its columns are the axes of the light."""
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = frame, position
@@ -254,6 +256,6 @@ def _faces(lamp: MeshLamp) -> tuple[NDArray, NDArray, NDArray]:
     return normals, corners.mean(axis=1), np.linalg.norm(normals, axis=1) * shine
 
 
-def _vector(values: NDArray) -> Vector:
+def _vector(values: NDArray) -> Triple:
     x, y, z = values.tolist()
     return x, y, z

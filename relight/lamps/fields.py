@@ -11,8 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from splat2mesh.base.arrays import Triple
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.inputs import inside
+from splat2mesh.base.specs import clip
 
 from .asked import (
     BULB_M,
@@ -34,7 +36,6 @@ from .shapes import (
     SphereLamp,
     SpotLamp,
     TubeLamp,
-    Vector,
     checked_light,
     checked_size,
     checked_vector,
@@ -97,18 +98,7 @@ def meant(word: str, known: Iterable[str]) -> str:
     return f"; did you mean {near[0]}?" if near else ""
 
 
-def clip(value: Any) -> str:
-    """A value in a message: one line, not long."""
-    words = " ".join(str(value).split())
-    return words if len(words) <= 40 else words[:37] + "..."
-
-
-def plain(error: InputError) -> str:
-    """The text of an error in one line, in which no field is read as an option of the command line."""
-    return " ".join(str(error).split()).replace("`", "")
-
-
-def vector(name: str, value: Any) -> Vector:
+def vector(name: str, value: Any) -> Triple:
     """Three finite numbers, of a list or of a text with commas. Raises InputError."""
     parts = value.split(",") if isinstance(value, str) else value
     if isinstance(parts, (list, tuple)) and len(parts) == 3:
@@ -158,7 +148,7 @@ def _flag(fields: Mapping[str, Any], name: str) -> bool:
     return found
 
 
-def _light(fields: Mapping[str, Any], color: Vector = WARM) -> tuple[Vector, Brightness]:
+def _light(fields: Mapping[str, Any], color: Triple = WARM) -> tuple[Triple, Brightness]:
     """Requested colour and brightness; `color` where unspecified."""
     absolute = [name for name in ("radiance", "intensity") if name in fields]
     if "color" in fields:
@@ -221,7 +211,7 @@ def _rectangle(fields: Mapping[str, Any], folder: Path | None) -> AskedLamp:
     return AskedLamp(RectangleLamp(center, edge_u, edge_v, WHITE, _flag(fields, "two_sided")), brightness, color)
 
 
-def _edges(fields: Mapping[str, Any], center: Vector) -> tuple[Vector, Vector]:
+def _edges(fields: Mapping[str, Any], center: Triple) -> tuple[Triple, Triple]:
     """Sides of a rectangle that faces its target or along its normal; the second one follows `up`, else y, else z."""
     if ("target" in fields) == ("normal" in fields):
         raise InputError("target: missing; a rectangle needs a target or a normal")

@@ -11,9 +11,10 @@ from typing import Any
 
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.inputs import file_size, quiet_numbers, read_json, reading
+from splat2mesh.base.specs import clip, plain
 
 from .asked import AskedLamp
-from .fields import asked_lamp, clip, plain
+from .fields import asked_lamp
 from .gltf_lights import read_gltf_lamps
 from .usd_lights import USD_SUFFIXES, read_usd_lamps
 

@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from splat2mesh.base.arrays import Triple
 from splat2mesh.base.errors import InputError
 
-from .shapes import Lamp, MeshLamp, ProfileLamp, RectangleLamp, SphereLamp, SpotLamp, TubeLamp, Vector
+from .shapes import Lamp, MeshLamp, ProfileLamp, RectangleLamp, SphereLamp, SpotLamp, TubeLamp
 
 STRETCH = 1e-3
 """Relative difference of the lengths of axes from which a motion is no turn with a scale."""
@@ -27,13 +28,13 @@ def moved(lamp: Lamp, matrix: ArrayLike) -> Lamp:
     if not (scale > 0.0 and np.abs(lengths / scale - 1.0).max() < STRETCH):
         raise InputError("lamps cannot follow a motion that scales the axes differently")
 
-    def point(place: ArrayLike) -> Vector:
+    def point(place: ArrayLike) -> Triple:
         return _vector(motion[:3, :3] @ np.asarray(place, np.float64) + motion[:3, 3])
 
-    def way(direction: ArrayLike) -> Vector:
+    def way(direction: ArrayLike) -> Triple:
         return _vector(motion[:3, :3] @ np.asarray(direction, np.float64))
 
-    def light(intensity: Vector) -> Vector:
+    def light(intensity: Triple) -> Triple:
         return _vector(np.asarray(intensity) * scale**2)
 
     if isinstance(lamp, SphereLamp):
@@ -52,6 +53,6 @@ def moved(lamp: Lamp, matrix: ArrayLike) -> Lamp:
     return replace(lamp, vertices=vertices, faces=lamp.faces[:, ::-1] if flipped else lamp.faces)
 
 
-def _vector(values: NDArray[np.float64]) -> Vector:
+def _vector(values: NDArray[np.float64]) -> Triple:
     x, y, z = (float(value) for value in values)
     return x, y, z

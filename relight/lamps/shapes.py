@@ -12,12 +12,11 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from splat2mesh.base.arrays import Triple
 from splat2mesh.base.errors import InputError
 
 MOST_LIGHT = 1e12
 """Largest radiance or intensity: far beyond any lamp, and its square still fits in float32."""
-
-Vector: TypeAlias = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -29,10 +28,10 @@ class SphereLamp:
     Exactly one of radiance and intensity is given.
     """
 
-    position: Vector
+    position: Triple
     radius: float = 0.0
-    radiance: Vector | None = None
-    intensity: Vector | None = None
+    radiance: Triple | None = None
+    intensity: Triple | None = None
 
     def __post_init__(self) -> None:
         _keep(self, "position", checked_vector("position", self.position))
@@ -56,9 +55,9 @@ class SpotLamp:
     the cutoff. radius: of the ball that shadows are softened by; 0 for hard ones.
     """
 
-    position: Vector
-    target: Vector
-    intensity: Vector
+    position: Triple
+    target: Triple
+    intensity: Triple
     cutoff_deg: float = 30.0
     beam_deg: float | None = None  # three quarters of the cutoff without
     radius: float = 0.0
@@ -88,10 +87,10 @@ class RectangleLamp:
     of the side that u x v points to; of both with two_sided.
     """
 
-    center: Vector
-    edge_u: Vector
-    edge_v: Vector
-    radiance: Vector
+    center: Triple
+    edge_u: Triple
+    edge_v: Triple
+    radiance: Triple
     two_sided: bool = False
 
     def __post_init__(self) -> None:
@@ -109,10 +108,10 @@ class TubeLamp:
     start, end (3,): of its axis. radius. radiance (3,): the same from everywhere.
     """
 
-    start: Vector
-    end: Vector
+    start: Triple
+    end: Triple
     radius: float
-    radiance: Vector
+    radiance: Triple
 
     def __post_init__(self) -> None:
         _keep(self, "start", checked_vector("start", self.start))
@@ -164,9 +163,9 @@ class ProfileLamp:
     turn_deg: of the horizontal angles about the axis. radius: of the ball that shadows are softened by.
     """
 
-    position: Vector
-    target: Vector
-    intensity: Vector
+    position: Triple
+    target: Triple
+    intensity: Triple
     vertical_deg: NDArray[np.float64]
     horizontal_deg: NDArray[np.float64]
     table: NDArray[np.float64]
@@ -193,7 +192,7 @@ class ProfileLamp:
 Lamp: TypeAlias = SphereLamp | SpotLamp | RectangleLamp | TubeLamp | MeshLamp | ProfileLamp
 
 
-def checked_vector(name: str, value: Sequence[float] | None) -> Vector:
+def checked_vector(name: str, value: Sequence[float] | None) -> Triple:
     """Three finite numbers. Raises InputError that names the field."""
     try:
         x, y, z = (float(each) for each in (() if value is None else value))
@@ -204,7 +203,7 @@ def checked_vector(name: str, value: Sequence[float] | None) -> Vector:
     return x, y, z
 
 
-def checked_light(name: str, value: Sequence[float] | None) -> Vector:
+def checked_light(name: str, value: Sequence[float] | None) -> Triple:
     """Linear RGB from 0 to MOST_LIGHT. Raises InputError that names the field."""
     red, green, blue = checked_vector(name, value)
     if not all(0.0 <= each <= MOST_LIGHT for each in (red, green, blue)):

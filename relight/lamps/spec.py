@@ -9,7 +9,7 @@
     sign.glb brightness=+3EV
     lamps.json
 
-A value ends where the next word with a = begins, so that paths and names may have spaces.
+The words are those of `splat2mesh.base.specs`.
 """
 
 import re
@@ -18,32 +18,18 @@ from typing import Any
 
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.inputs import quiet_numbers
+from splat2mesh.base.specs import clip, parse_spec, plain
 
 from .asked import AskedLamp, moved
-from .fields import FIELDS, asked_lamp, changed, clip, meant, plain, vector
+from .fields import FIELDS, asked_lamp, changed, meant, vector
 from .files import LAMP_SUFFIXES, read_lamps
-
-LONGEST_SPEC = 4096
 
 OF_FILES = ("at", "color", "brightness", "name")
 """Words after a file: where its origin goes, and what its lamps have instead of their own."""
 
-_WORD = re.compile(r"(?<!\s)\s+(?=\w+\s*=)")
-_KEY = re.compile(r"(\w+)\s*=\s*(.*)", re.DOTALL)
-
-
-def parse_lamp(text: str) -> AskedLamp:
-    """The one lamp that a text asks for. Raises InputError, in one line, for anything else."""
-    found = parse_lamps(text)
-    if len(found) != 1:
-        raise InputError(f"`placed` {clip(text)}: has {len(found)} lamps, expected one")
-    return found[0]
-
 
 def parse_lamps(text: str) -> list[AskedLamp]:
     """The lamps that a text asks for: one, or those of a file. Raises InputError, in one line, for anything else."""
-    if len(text) > LONGEST_SPEC:
-        raise InputError(f"`placed` {clip(text)}: {len(text)} letters, expected at most {LONGEST_SPEC}")
     try:
         with quiet_numbers():
             return _parsed(text)
@@ -52,16 +38,7 @@ def parse_lamps(text: str) -> list[AskedLamp]:
 
 
 def _parsed(text: str) -> list[AskedLamp]:
-    words = _WORD.split(text.strip())
-    head = "" if _KEY.fullmatch(words[0]) else words.pop(0)
-    given: dict[str, Any] = {}
-    for word in words:
-        match = _KEY.fullmatch(word)
-        if match is None:  # unreachable by the split, and no reason to trust that
-            raise InputError(f"{clip(word)}: expected name=value")
-        if match[1] in given:
-            raise InputError(f"{clip(match[1])}: given twice")
-        given[match[1]] = match[2]
+    head, given = parse_spec(text)
     if not head:
         return [asked_lamp("sphere", given)]
     if head.lower().endswith(".ies"):

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from splat2mesh.base.arrays import Triple
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.inputs import file_size, quiet_numbers, reading
 from splat2mesh.scene.gltf import warn_skipped
@@ -19,7 +20,7 @@ from splat2mesh.scene.gltf import warn_skipped
 from .asked import AskedLamp, in_picture_units
 from .color import COLDEST_K, HOTTEST_K, WHITE, blackbody
 from .photometry import flux
-from .shapes import Lamp, MeshLamp, RectangleLamp, SphereLamp, SpotLamp, TubeLamp, Vector, checked_light
+from .shapes import Lamp, MeshLamp, RectangleLamp, SphereLamp, SpotLamp, TubeLamp, checked_light
 from .usd_trial import check_opens
 
 USD_SUFFIXES = ".usd", ".usda", ".usdc", ".usdz"
@@ -218,6 +219,6 @@ def _shaped(pxr: Any, prim: Any, matrix: NDArray, shape: Lamp, left: Counter[str
     return SpotLamp(place, (x, y, z), WHITE, angle, angle * (1.0 - softness), radius)
 
 
-def _place(matrix: NDArray, local: Vector) -> Vector:
+def _place(matrix: NDArray, local: Triple) -> Triple:
     x, y, z = (matrix[:3, :3] @ local + matrix[:3, 3]).tolist()
     return x, y, z

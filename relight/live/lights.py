@@ -65,8 +65,8 @@ def captured_alone(factor: float, unit: float = 1.0) -> PortableLight:
     """The PortableLight of the captured light alone, times a factor."""
     nothing = np.zeros((BANDS**2, 3))
     image = np.zeros((*IMAGE, 3), np.float32)
-    beside = float(factor), float(unit), True
-    return PortableLight(CAPTURED, image, nothing, nothing, Suns.none(), 1.0, 0.0, 0.0, *beside)
+    light = PortableLight(CAPTURED, image, nothing, nothing, Suns.none(), exposure=1.0, mean=0.0)
+    return light._replace(captured=float(factor), unit=float(unit), keeps_sky=True)
 
 
 def light_of(environment: Environment, exposure: float, lamps: float = 0.0) -> PortableLight:
@@ -139,9 +139,3 @@ def rgbe(image: Radiance) -> NDArray[np.uint8]:
     bytes_ = np.concatenate([np.clip(mantissa, 0, 255), exponent[..., None] + 128], axis=-1)
     bytes_[largest <= 1e-32] = 0
     return bytes_.astype(np.uint8)
-
-
-def from_rgbe(packed: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """Radiance (..., 3) float32 of RGBE bytes (..., 4): the middle of the interval that rounds to them."""
-    scale = np.ldexp(1.0, packed[..., 3:].astype(int) - 136)
-    return np.where(packed[..., 3:] > 0, (packed[..., :3] + 0.5) * scale, 0.0).astype(np.float32)

@@ -45,15 +45,6 @@ def octahedral(normals: Directions) -> NDArray[np.int8]:
     return np.rint(np.stack([u, v], axis=1) * 127.0).astype(np.int8)
 
 
-def from_octahedral(packed: NDArray[np.int8]) -> NDArray[np.float32]:
-    """Unit vectors (N, 3) float32 of `octahedral`."""
-    u, v = packed.astype(np.float32).T / np.float32(127.0)
-    z = 1.0 - np.abs(u) - np.abs(v)
-    fold = np.maximum(-z, 0.0)
-    normals = np.stack([u - np.copysign(fold, u), v - np.copysign(fold, v), z], axis=1)
-    return normals / np.linalg.norm(normals, axis=1, keepdims=True)
-
-
 def surfaces(
     binding: "Binding",
     means: NDArray[np.float32],

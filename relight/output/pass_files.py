@@ -29,7 +29,7 @@ FOLDER = "passes"
 BLACK = 1e-6
 """Albedo, premultiplied, below which a pixel does not show light."""
 
-Parts = Mapping[str, NDArray[np.float32]]
+LightParts = Mapping[str, NDArray[np.float32]]
 
 
 class PassFiles:
@@ -44,7 +44,7 @@ class PassFiles:
         self,
         scene: Scene,
         albedo: Callable[[], NDArray[np.float32] | None],
-        parts: "Callable[[Shaded], Parts]",
+        parts: "Callable[[Shaded], LightParts]",
         views: Callable[[], Sequence[View] | None],
         space: str = "srgb",
     ) -> None:
@@ -74,7 +74,7 @@ class PassFiles:
         views = self._views()
         return None if views is None else list(views)
 
-    def channels(self, picture: Preview, parts: Parts) -> dict[str, NDArray[np.float32]]:
+    def channels(self, picture: Preview, parts: LightParts) -> dict[str, NDArray[np.float32]]:
         """The channels of a file, (H, W) float32 by name. parts: as shown, exposed."""
         own = self._albedo()
         albedo, alpha = picture.values(np.ones_like(self._scene.vertices) if own is None else own)

@@ -122,16 +122,6 @@ def rotor_and_translation(motors: Floats) -> tuple[NDArray[np.float64], NDArray[
     return np.stack([s, e12, e13, e23], axis=-1), -2.0 * np.stack(vector, axis=-1)
 
 
-def compose(a: Floats, b: Floats) -> NDArray[np.float64]:
-    """The motor a b, (..., 32) float64, of motors: b, then a.
-
-    What geometric_product gives, from 4 + 3 numbers each. There, products of the two offsets must cancel: offsets
-    of 1e6 leave errors of 1e-4 in the rotor, here 1e-15.
-    """
-    (rotor_a, shift_a), (rotor_b, shift_b) = rotor_and_translation(a), rotor_and_translation(b)
-    return motor(rotors.multiply(rotor_a, rotor_b), shift_a + _turned(rotor_a, shift_b))
-
-
 def inverse(motors: Floats) -> NDArray[np.float64]:
     """The motor (..., 32) float64 that undoes another: its reverse, normalised."""
     rotor, shift = rotor_and_translation(motors)

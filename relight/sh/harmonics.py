@@ -233,11 +233,6 @@ def from_3dgs(coefficients: Coefficients) -> Floats:
     return _scaled(coefficients, np.where(order % 2, -1, 1).astype(np.int8))
 
 
-def to_3dgs(coefficients: Coefficients) -> Floats:
-    """Return coefficients for 3DGS files of ours: `from_3dgs`, which is its own inverse."""
-    return from_3dgs(coefficients)
-
-
 def quadrature(bands: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return directions and weights that integrate products of two functions of B bands exactly.
 

@@ -165,18 +165,6 @@ def log(rotor: Floats) -> NDArray[np.float64]:
     return np.where(size > 0, bivector, np.where(scalar < 0, [0.0, 0.0, -np.pi], 0.0))
 
 
-def slerp(
-    first: Floats,  # (..., 4)
-    second: Floats,  # (..., 4)
-    share: ArrayLike,  # (...): 0 gives the first, 1 the second rotation
-) -> NDArray[np.float64]:
-    """The rotor (..., 4) on the shorter way from one rotation to another, at constant angular speed."""
-    first = normalise(first)
-    step = multiply(normalise(second), reverse(first))
-    step = np.where(step[..., :1] < 0, -step, step)
-    return multiply(exp(np.asarray(share, np.float64)[..., None] * log(step)), first)
-
-
 def rotate(
     coefficients: Coefficients,  # (K,) with one rotor, or (..., K, C), in the basis of relight.sh
     rotor: Floats,  # (4,) or (..., 4)

@@ -104,7 +104,7 @@ class Blending(NamedTuple):
             add_to(self.splats[begin:end], seen, sums)
 
 
-Look: TypeAlias = Callable[[int, NDArray[np.float32], NDArray[np.float32]], Mask | None]
+Visit: TypeAlias = Callable[[int, NDArray[np.float32], NDArray[np.float32]], Mask | None]
 """Takes the number of a view, its alpha (H, W) and its median depth (H, W), camera z."""
 
 _KINDS = ["i8", "i8", "i8", "i4", "u2", "u1", "u1"]
@@ -114,7 +114,7 @@ def blending_of(
     splats: Splats,
     views: Sequence[View],  # in their frame
     near: float,  # camera z of the near plane
-    look: Look = lambda number, alpha, depth: None,
+    look: Visit = lambda number, alpha, depth: None,
 ) -> Blending:
     """Return the Blending of some views of splats. `look` is called with each view as `Rendering` shows it.
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from splat2mesh.base.arrays import Triple
 from splat2mesh.base.errors import InputError
 from splat2mesh.scene.color import luminance
 
@@ -15,7 +16,6 @@ from ..lamps.fields import changed
 from ..lamps.photometry import axis_intensity
 from ..lamps.placing import asked_lamps
 from ..lamps.saving import write_lamps
-from ..lamps.shapes import Vector
 from .history import Timeline
 from .lamp_bench import LampBench, without_color
 from .lamp_board import BoardState, LampBoard
@@ -177,7 +177,7 @@ class LampEditing:
         """The work after a change."""
 
 
-def bulb_at(position: Vector) -> AskedLamp:
+def bulb_at(position: Triple) -> AskedLamp:
     """The lamp that a click adds: a warm bulb, as bright as `--lamp x,y,z`."""
     return asked_lamps([",".join(repr(float(each)) for each in position)])[0]
 

@@ -38,7 +38,6 @@ SPARE = 8
 
 DARK = "the lamps light nothing: they are inside a wall, outside, or face away"
 
-Light = NDArray[np.float32]
 Value = TypeVar("Value")
 
 
@@ -49,17 +48,17 @@ class LampTerm(NamedTuple):
     None until computed. axis: (3,), intensity on its main axis, to which all is proportional.
     """
 
-    direct: Light
-    radiance: Light | None
-    received: Light | None
+    direct: NDArray[np.float32]
+    radiance: NDArray[np.float32] | None
+    received: NDArray[np.float32] | None
     axis: NDArray[np.float64]
 
 
 class LampSum(NamedTuple):
     """LampParts of several lamps."""
 
-    radiance: Light
-    received: Light
+    radiance: NDArray[np.float32]
+    received: NDArray[np.float32]
 
 
 class LampBench:
@@ -329,7 +328,7 @@ def _key(lamps: Sequence[BoardLamp]) -> Hashable:
     return tuple(lamp.number for lamp in lamps)
 
 
-def _share(wanted: NDArray[np.float64], given: NDArray[np.float64]) -> Light:
+def _share(wanted: NDArray[np.float64], given: NDArray[np.float64]) -> NDArray[np.float32]:
     """The factor on a term, (3,) float32, from intensities on the main axis."""
     return np.divide(wanted, given, out=np.zeros(3), where=given > 0.0).astype(np.float32)
 

@@ -6,10 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from splat2mesh.base.arrays import Triple
 from splat2mesh.base.errors import InputError
 
 from ..lamps.asked import AskedLamp, moved
-from ..lamps.shapes import MeshLamp, RectangleLamp, TubeLamp, Vector, checked_vector
+from ..lamps.shapes import MeshLamp, RectangleLamp, TubeLamp, checked_vector
 from .history import History, Timeline
 
 MOST_CAPTURED = 10.0
@@ -104,7 +105,7 @@ class LampBoard:
             lamps = (lamp if lamp.number != number else BoardLamp(number, asked) for lamp in self.state.lamps)
             self._history.to(replace(self.state, lamps=tuple(lamps)), merge)
 
-    def move(self, number: int, position: Vector, merge: Hashable = None) -> None:
+    def move(self, number: int, position: Triple, merge: Hashable = None) -> None:
         """Move the `place_of` a lamp to a position."""
         asked = self.asked(number)
         offset = np.subtract(checked_vector("position", position), place_of(asked))
@@ -147,7 +148,7 @@ class LampBoard:
         self._saved = self.state
 
 
-def place_of(asked: AskedLamp) -> Vector:
+def place_of(asked: AskedLamp) -> Triple:
     """Position of a lamp in the frame of the splat: its middle, or the middle of a tube or mesh."""
     match asked.shape:
         case MeshLamp(vertices=vertices):

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from splat2mesh.base.arrays import Triple
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.sphere import fibonacci_sphere
 from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
 
 from ..lamps.color import TEMPERATURES, parse_color
-from ..lamps.shapes import Vector
 from .editing import bulb_at
 from .lamp_board import place_of
 
@@ -228,7 +228,7 @@ class LampTool:
         motion = self._source.scene_from_splat
         return np.asarray(motion[:3, :3] @ np.asarray(place, np.float64) + motion[:3, 3])
 
-    def _in_splat(self, place: NDArray[np.float64]) -> Vector:
+    def _in_splat(self, place: NDArray[np.float64]) -> Triple:
         motion = self._source.scene_from_splat
         x, y, z = (float(each) for each in np.linalg.solve(motion[:3, :3], place - motion[:3, 3]))
         return x, y, z
@@ -268,6 +268,6 @@ class LampTool:
         return at + float(distance[nearest]) * ways[nearest], float(distance[nearest])
 
 
-def _shown(color: Vector) -> NDArray[np.uint8]:
+def _shown(color: Triple) -> NDArray[np.uint8]:
     light = np.asarray(color) / max(*color, 1e-12)
     return bytes_from_unit(srgb_from_linear(light))

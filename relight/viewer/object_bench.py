@@ -21,14 +21,14 @@ if TYPE_CHECKING:
 
 WAITING = "lighting the objects"
 
-Placed = tuple[AskedInsert, ...]
+AskedInserts = tuple[AskedInsert, ...]
 
 
 class ShownObjects(NamedTuple):
     """Objects in their light. placed: their poses. key: of the light. exact: whether with all rays."""
 
     light: "InsertedLight"
-    placed: Placed
+    placed: AskedInserts
     key: Hashable
     exact: bool
 
@@ -42,19 +42,19 @@ class ObjectBench:
 
     def __init__(self, source: ObjectSource, timeline: Timeline | None = None) -> None:
         self.source = source
-        self.start: Placed = tuple(source.asked)
-        self.history: History[Placed] = History(self.start, timeline or Timeline())
-        self._failed: tuple[Placed, str] | None = None
+        self.start: AskedInserts = tuple(source.asked)
+        self.history: History[AskedInserts] = History(self.start, timeline or Timeline())
+        self._failed: tuple[AskedInserts, str] | None = None
         self.shown: ShownObjects | None = None
         self._key: Hashable = None
         self._quick = ThreadPoolExecutor(1, thread_name_prefix="objects")
         self._slow = ThreadPoolExecutor(1, thread_name_prefix="objects exact")
-        self._glimpse: tuple[Placed, Hashable, Future] | None = None
-        self._exact: tuple[Placed, Hashable, Future] | None = None
+        self._glimpse: tuple[AskedInserts, Hashable, Future] | None = None
+        self._exact: tuple[AskedInserts, Hashable, Future] | None = None
         self._closed = False
 
     @property
-    def placed(self) -> Placed:
+    def placed(self) -> AskedInserts:
         """The objects in the requested poses."""
         return self.history.present
 
@@ -128,7 +128,7 @@ class ObjectBench:
             pool.shutdown(wait=False, cancel_futures=True)
 
     def _taken(self, name: str, exact: bool) -> bool:
-        running: tuple[Placed, Hashable, Future] | None = getattr(self, name)
+        running: tuple[AskedInserts, Hashable, Future] | None = getattr(self, name)
         if running is None or not running[2].done():
             return False
         setattr(self, name, None)

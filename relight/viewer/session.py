@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from splat2mesh.base.arrays import Triple
 from splat2mesh.base.errors import InputError
 from splat2mesh.scene.foreign import as_scene
 
-from ..lamps.shapes import Vector
 from ..light.environment import turned_about_y
 from ..light.tonemap import auto_exposure
 from ..planning.effects import BOUNCES, SHADOWS
@@ -164,7 +164,7 @@ class Session(LampEditing, Answers):
             self.objects.close()
 
     def move_object(
-        self, number: int, at: Vector, turn_deg: float | None = None, lifted: bool = False, merge: Hashable = None
+        self, number: int, at: Triple, turn_deg: float | None = None, lifted: bool = False, merge: Hashable = None
     ) -> None:
         """Put an object, counted from 0, at a position in the frame of the splat, turned about the vertical.
 

@@ -44,7 +44,7 @@ class Shining(NamedTuple):
     lamps: "Sequence[AskedLamp]" = ()
 
 
-Shine: TypeAlias = Callable[[Splats, Shining], Splats]
+ShineUnder: TypeAlias = Callable[[Splats, Shining], Splats]
 """Type of `SplatLook.gloss`."""
 
 
@@ -55,7 +55,7 @@ class SplatLook(NamedTuple):
 
     before: NDArray[np.float32]
     received: Callable[[NDArray[np.float32], float], NDArray[np.floating]]
-    gloss: Shine | None = None
+    gloss: ShineUnder | None = None
 
 
 def beside(alone: Shining, mixture: SessionMixture, lamps: "Sequence[AskedLamp]") -> Shining:

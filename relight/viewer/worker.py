@@ -69,36 +69,6 @@ class ReportedStages:
         self.seconds[label] = self.seconds.get(label, 0.0) + time.perf_counter() - start
 
 
-class InlineWorker:
-    """The same in this process: `poll` works until the wish is answered. For tests and scripts, which wait anyway."""
-
-    def __init__(
-        self,
-        scene: Scene,
-        environments: Mapping[str, Any],
-        albedos: Mapping[str, NDArray | None],
-        options: LightingOptions | None = None,
-        cache: "Cache | None" = None,
-    ) -> None:
-        steps = ReportedStages(lambda *progress: None, lambda: None)
-        self._lighting = SessionLighting(scene, environments, albedos, steps, options, cache)
-        self._wish: LightWish | None = None
-
-    def submit(self, wish: LightWish) -> None:
-        """Request the newest wish; unfinished work of an older one is dropped."""
-        self._wish = wish
-
-    def poll(self) -> list[tuple]:
-        """Messages since the last call: a list of tuples, as `ProcessWorker.poll` returns them."""
-        if self._wish is None:
-            return []
-        wish, self._wish = self._wish, None
-        return list(_messages(self._lighting, wish))
-
-    def close(self) -> None:
-        """Do nothing: there is no process to end."""
-
-
 def worker_command() -> list[str]:
     """The command that starts the process: this interpreter, with the same module path.
 
@@ -171,7 +141,7 @@ class ProcessWorker:
             pass  # the process is gone: the reader says so
 
 
-def _messages(lighting: SessionLighting, wish: LightWish) -> Iterator[tuple]:
+def answers(lighting: SessionLighting, wish: LightWish) -> Iterator[tuple]:
     """Yield the messages that answer one wish."""
     try:
         for answer in lighting.answers(wish):
@@ -224,7 +194,7 @@ def main() -> None:
         arrived.wait()
         arrived.clear()
         wish = newest[0]
-        for message in _messages(lighting, wish):
+        for message in answers(lighting, wish):
             send(*message)
             if arrived.is_set():
                 break

@@ -21,12 +21,13 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.harness import GROUND_TRUTH
-from benchmarks.truths import generated, score, trained
+from benchmarks.truths import generated, trained
 from relight.jobs.job import Job
 from relight.request import RelightRequest
 from relight.sh.harmonics import evaluate
 from relight.sh.normals import unit_normals
 from relight.transfer.analytic import analytic
+from scenes.pictures import psnr
 from splat2mesh.scene.color import luminance
 
 BANDS, FEW = 10, 3
@@ -59,8 +60,8 @@ def run(options, report):
             continue
         for light in [*truth.lights][: options.lights]:
             for way, splats in ways(truth, truth.lights[light]):
-                gain, balanced = score(truth.pictures, splats, light)
-                table.add(scene=name, light=light, way=way, psnr_gain=gain, psnr_wb=balanced)
+                found = psnr(*truth.pictures.pixels(splats, light))
+                table.add(scene=name, light=light, way=way, psnr_gain=found.psnr_gain, psnr_wb=found.psnr_wb)
 
 
 def truth_of(name, options):

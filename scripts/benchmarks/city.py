@@ -18,8 +18,8 @@ import numpy as np
 from benchmarks.city_light import light_error
 from benchmarks.city_scheduler import simulate
 from benchmarks.harness import ROOT
+from benchmarks.seams import check_seams
 from splat2mesh.base.console import ONE_BLAS_THREAD
-from splat2mesh.tiles.seams import check_seams
 from splat2mesh.tiles.store import Store
 
 QUICK = ["1000", "--parts", "scheduler", "--dummies", "50"]

@@ -17,7 +17,6 @@ from relight import Environment
 from relight.animation.animation import face_normals
 from relight.transfer.analytic import analytic
 from relight.transfer.apply import BlockTransfer
-from relight.transfer.baked import BakedMotion
 from relight.transfer.dynamic import DynamicTransfer
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene
@@ -207,8 +206,8 @@ def deforming(counts, frames, environment, report):
             arms = [form(frame) for frame in range(frames + 1)]
             chunks = [mesh(arms[0][0], faces, arms[0][1])]
             if over:
-                table, table_faces = sheet(round(np.sqrt(0.75 * count)), round(np.sqrt(0.75 * count)))
-                chunks.append(mesh((table * 1.4 - [0.7, 0, 0.7]).astype(np.float32), table_faces))
+                top, top_faces = sheet(round(np.sqrt(0.75 * count)), round(np.sqrt(0.75 * count)))
+                chunks.append(mesh((top * 1.4 - [0.7, 0, 0.7]).astype(np.float32), top_faces))
             scene, references = Scene(chunks), {}
             for name, bands, rays in METHODS:
                 light = environment.sh(bands)
@@ -219,7 +218,6 @@ def deforming(counts, frames, environment, report):
                     )
                 times, transfer = frame_times(name, scene, arms, bands, rays)
                 add(table, kind, scene, name, bands, rays, times, np.maximum(transfer @ light, 0), references[bands])
-            baked(table, kind, scene, form, frames, environment, 5, 64)
             gash(table, kind, scene, arms, environment, references[3])
 
 
@@ -236,22 +234,6 @@ def frame_times(name, scene, arms, bands, rays):
         live.max_speed = 0.0
     times = measured(lambda step: live.update(0, *arms[step + 1], seconds=1 / 30), len(arms) - 1)
     return times, live.transfer
-
-
-def baked(table, kind, scene, form, frames, environment, bands, rays):
-    """The motion computed ahead in as many poses as 2% take, and shown frame by frame; judged between two poses."""
-    live, light = DynamicTransfer(scene, [0], bands, rays), environment.sh(bands)
-    poses = {"shortest_s": 0.2, "first_s": frames / 2}
-    motion, _, seconds = timed(lambda: BakedMotion(live, lambda frame: {0: form(frame)}, float(frames), **poses))
-    out = np.zeros((len(live.transfer), 3), np.float32)
-    times = measured(lambda step: motion.radiance(step + 0.5, light, out), frames)
-    longest = int(np.argmax(np.diff(motion.times)))
-    between = motion.times[longest] + 0.3 * (motion.times[longest + 1] - motion.times[longest])
-    vertices, normals = form(between)
-    exact = Scene([mesh(vertices, scene.chunks[0].faces, normals), *scene.chunks[1:]])
-    exact = np.maximum(DynamicTransfer(exact, [0], bands, REFERENCE_RAYS).transfer @ light, 0)
-    name = f"baked: {len(motion.times)} poses for {frames} frames, {seconds:.1f} s, {motion.nbytes / 2**20:.0f} MiB"
-    add(table, kind, scene, name, bands, rays, times, motion.radiance(between, light), exact)
 
 
 def gash(table, kind, scene, arms, environment, reference):

@@ -13,10 +13,11 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.harness import GROUND_TRUTH
-from benchmarks.truths import generated, score
+from benchmarks.truths import generated
 from relight.jobs.job import Job
 from relight.jobs.writer import Writer
 from relight.request import RelightRequest
+from scenes.pictures import psnr
 from splat2mesh.scene.color import luminance
 
 CAPTURES = ("overcast", "cloudy", "noon", "sunset"), ("overcast", "cloudy", "rnl", "campus", "noon", "kitchen")
@@ -91,13 +92,13 @@ def rows(kind, seed, options, there):
 def measured(job, truth, name, fades):
     """The scores of one light, and its entries in the report."""
     shaded, look = next(iter(job.shaded())), job.appearance
-    unchanged = score(truth.pictures, job.splats[0], name)[1]
-    ours = score(truth.pictures, Writer(job).relit_splats(shaded), name)[1]
+    unchanged = psnr(*truth.pictures.pixels(job.splats[0], name)).psnr_wb
+    ours = psnr(*truth.pictures.pixels(Writer(job).relit_splats(shaded), name)).psnr_wb
     row = {"unchanged": unchanged, "ours": ours, "gain": ours - unchanged}
     for fade in fades:
         trust = np.full(len(look.captured), fade, np.float32) * (1.0 if look.trust is None else look.trust)
         job.__dict__["appearance"] = look._replace(trust=trust)
-        row[f"fade_{fade:g}"] = score(truth.pictures, Writer(job).relit_splats(shaded), name)[1]
+        row[f"fade_{fade:g}"] = psnr(*truth.pictures.pixels(Writer(job).relit_splats(shaded), name)).psnr_wb
     job.__dict__["appearance"] = look
     capture = look.capture or {}
     return row | {

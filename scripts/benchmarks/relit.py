@@ -23,16 +23,13 @@ from relight.transfer.occluder import Occluder
 from relight.transfer.raytraced import raytraced_scene
 from relight.transfer.sunlight import sunlight
 from relight.transfer.transport import Transport
+from scenes.pictures import Pictures
 from splat2mesh.pipeline import convert
-from splat2mesh.render.rasterize import rasterize
-from splat2mesh.render.view import View
-from splat2mesh.scene.color import linear_from_srgb, srgb_from_linear
+from splat2mesh.scene.color import linear_from_srgb
 from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.formats import read_splats
 
 BANDS, RAYS = 5, 256
-GAINS = np.exp(np.linspace(np.log(0.2), np.log(5.0), 161))  # steps of 2%
-
 
 QUICK = ["spot", "--lights", "1", "--rounds", "1"]
 
@@ -71,8 +68,9 @@ def measure(name, arguments, report):
     columns = {"light": "<14", "capture": "<10", "splats": "<10", "psnr": ".2f", "psnr_wb": ".2f", "cpu_s": ".1f"}
     table = report.table(**columns)
     for light in meta["lights"]["relight"][: arguments.lights]:
-        psnr, balanced = pictures.score(splats, light)
-        table.add(scene=name, light=light, capture="-", splats="unchanged", psnr=psnr, psnr_wb=balanced)
+        found_psnr = pictures.score(splats, light)
+        row = {"psnr": found_psnr.psnr, "psnr_wb": found_psnr.psnr_wb}
+        table.add(scene=name, light=light, capture="-", splats="unchanged", **row)
         environment = light_of(arguments.data / "env", light)
         for way, result in found.items():
             after = lights.irradiance(environment, result.albedo)
@@ -80,8 +78,9 @@ def measure(name, arguments, report):
                 before = result.irradiance
                 relit, _, seconds = timed(lambda b=before, a=after, r=rounds: binding.relit(b, a, rounds=r))
                 kind = f"{rounds} rounds" if rounds else "surface"
-                psnr, balanced = pictures.score(relit, light)
-                row = {"light": light, "capture": way, "splats": kind, "psnr": psnr, "psnr_wb": balanced}
+                found_psnr = pictures.score(relit, light)
+                row = {"light": light, "capture": way, "splats": kind}
+                row |= {"psnr": found_psnr.psnr, "psnr_wb": found_psnr.psnr_wb}
                 table.add(scene=name, **row, cpu_s=seconds)
 
 
@@ -105,39 +104,3 @@ class Lights:
         direct = np.maximum(direct, 0) * np.float32(self._exposure)
         radiance, _ = with_bounces(direct, albedo, self.interreflection)
         return direct + self.interreflection.bounce(radiance)
-
-
-class Pictures:
-    """Path-traced pictures of a scene, and how near splats come to them."""
-
-    def __init__(self, folder):
-        data = np.load(folder / "test_views.npz")
-        self._alpha = data["alpha"] / 255
-        self._linear = {key: data[key] for key in data.files if key.startswith("lin_")}
-        height, width = self._alpha.shape[1:]
-        self._views = []
-        for index, pose in enumerate(data["w2c"]):
-            k = data["K"] if data["K"].ndim == 2 else data["K"][index]
-            self._views.append(View(width, height, k[0, 0], k[1, 1], k[0, 2], k[1, 2], pose.astype(np.float64)))
-
-    def pixels(self, splats, light):
-        """Linear colours that splats show and sRGB that is wanted, (P, 3) of every view, where the scene is."""
-        shown, wanted = [], []
-        for view, alpha, picture in zip(self._views, self._alpha, self._linear[f"lin_{light}"], strict=True):
-            inside = alpha > 0.5
-            shown.append(linear_from_srgb(np.clip(rasterize(splats, view).color[inside], 0, 1)))
-            wanted.append(srgb_from_linear(np.clip(picture[inside].astype(np.float32), 0, 1)))
-        return shown, wanted
-
-    @staticmethod
-    def errors(shown, wanted, gain):
-        """(views, 3) mean squared errors in sRGB of `pixels` after a gain."""
-        pairs = zip(shown, wanted, strict=True)
-        return np.array([np.square(srgb_from_linear(np.clip(gain * s, 0, 1)) - w).mean(axis=0) for s, w in pairs])
-
-    def score(self, splats, light):
-        """PSNR in dB as shown, and with the best gain of each colour."""
-        shown, wanted = self.pixels(splats, light)
-        every = np.array([self.errors(shown, wanted, gain) for gain in GAINS])  # (gains, views, colours)
-        best = np.stack([every[every[:, :, c].mean(axis=1).argmin(), :, c] for c in range(3)], axis=1)
-        return tuple(float(-10 * np.log10(e.mean(axis=1)).mean()) for e in (self.errors(shown, wanted, 1.0), best))

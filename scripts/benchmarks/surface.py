@@ -3,12 +3,10 @@
 --samples sets the points on each mesh (100,000); a large scene, such as a room, needs more to raise the upper bound
 that the row "truth" shows: the truth against itself.
 
-FOLDER holds a splat (point_cloud.ply or splat.ply), its true mesh (gt_mesh.ply in the splat's frame, or truth.ply with
-truth.json from `python -m scenes`) and the capture's COLMAP model, sparse/0. Without folders three are generated.
+FOLDER holds a splat (point_cloud.ply or splat.ply) and its truth (scenes/score.py). Without folders three are made.
 Times are whole conversions after a warm-up, in processor seconds of all threads: steady beside other work.
 """
 
-import json
 import subprocess
 import sys
 import tempfile
@@ -17,12 +15,10 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.harness import ROOT, timed
-from scenes.score import SAMPLES, score
+from scenes.score import SAMPLES, read_truth, score
 from splat2mesh import convert
 from splat2mesh.base.choices import SURFACE_CHOICES
-from splat2mesh.scene.meshfile import read_mesh
 from splat2mesh.surface.extract import EFFORTS
-from splat2mesh.views.cameras import usable_views
 
 QUICK = ["--ways", "field", "--details", "draft", "--kinds", "object", "--splats", "5000", "--samples", "2000"]
 PLOT = {"x": "cpu_s", "y": "error", "by": ("scene", "way", "cameras")}
@@ -64,18 +60,12 @@ def generated(work, options):
 def measure(folder, options, report):
     """Convert one scene every way: a row for each."""
     splat = next(folder / name for name in ("point_cloud.ply", "splat.ply") if (folder / name).exists())
-    generated_truth = folder / "truth.json"
-    truth = read_mesh(folder / ("truth.ply" if generated_truth.exists() else "gt_mesh.ply"))
-    centers = np.stack([view.center for view in usable_views(folder / "sparse/0")])
-    turn = np.eye(3)
-    if generated_truth.exists():
-        turn = np.array(json.loads(generated_truth.read_text())["scene_from_splat"])[:3, :3]
-    true = truth.vertices @ turn, truth.faces  # back into the splat's frame
+    true, centers, sphere = read_truth(folder)
     convert(splat, detail="draft", vertices=1000)
     samples, seeds = options.samples, options.seeds
     ways = [(way, detail, None) for way in options.ways for detail in options.details]
     ways += [("field", "normal", folder / "sparse/0")] if "field" in options.ways else []
-    ceiling = score(true, true, centers, samples)
+    ceiling = score(true, true, centers, samples, sphere=sphere)
     columns = {"scene": "<12", "way": "<14", "detail": "<8", "cameras": "<8", "cpu_s": ".1f"}
     table = report.table(**columns, **dict.fromkeys(ceiling, ".3f"))
     table.add(scene=folder.name, way="truth, itself", **ceiling)
@@ -85,7 +75,7 @@ def measure(folder, options, report):
             settings = {"surface": way, "detail": detail, "cameras": cameras, "seed": seed}
             scene, _, seconds = timed(lambda s=settings: convert(splat, **s))
             mesh = scene.vertices @ scene.scene_from_splat[:3, :3], scene.faces
-            found.append({"cpu_s": seconds, **score(mesh, true, centers, samples)})
+            found.append({"cpu_s": seconds, **score(mesh, true, centers, samples, sphere=sphere)})
         row = {"scene": folder.name, "way": way, "detail": detail, "cameras": "trained" if cameras else "virtual"}
         row |= {key: round(float(np.mean([run[key] for run in found])), 4) for key in found[0]}
         table.add(**row, error=1 - row["F@0.005"])

@@ -14,10 +14,10 @@ from typing import NamedTuple
 import numpy as np
 
 from benchmarks.harness import ROOT
-from benchmarks.relit import GAINS, Pictures
 from benchmarks.shapes import light_of
 from relight import Environment
 from scenes.capture import SKY
+from scenes.pictures import Pictures
 from scenes.sky import capture_sky
 from splat2mesh.pipeline import convert
 from splat2mesh.render.rasterize import rasterize
@@ -28,8 +28,6 @@ from splat2mesh.views.cameras import usable_views
 
 VIEWS, WIDTH = 8, 160
 """Number of a generated place's capture views to compare, and their width in pixels."""
-
-COARSE = 8  # coarse steps of the gain first, then those around the best
 
 
 class Truth(NamedTuple):
@@ -104,28 +102,6 @@ class TruePictures:
             s.means, s.scales, s.quats_wxyz, s.opacities, np.load(self._made / f"truth_{light}.npz")["splat_sh"]
         )
         return [linear_from_srgb(each) for each in self.colors(splats)], self.colors(true)
-
-
-def score(pictures, splats, light):
-    """PSNR in dB with the best gain for all colours, and with that of each colour."""
-    shown, wanted = pictures.pixels(splats, light)
-    tried = {}
-
-    def errors(index):
-        if index not in tried:
-            tried[index] = Pictures.errors(shown, wanted, GAINS[index])
-        return tried[index]
-
-    for index in range(0, len(GAINS), COARSE):
-        errors(index)
-    ways = [lambda e: e.mean(), *(lambda e, c=c: e[:, c].mean() for c in range(3))]
-    best = []
-    for way in ways:
-        middle = min(range(0, len(GAINS), COARSE), key=lambda index: way(tried[index]))
-        around = range(max(middle - COARSE, 0), min(middle + COARSE + 1, len(GAINS)))
-        best.append(errors(min(around, key=lambda index: way(errors(index)))))
-    each = np.stack([best[1 + c][:, c] for c in range(3)], axis=1)
-    return tuple(float(-10 * np.log10(found.mean(axis=1)).mean()) for found in (best[0], each))
 
 
 def clipped(colors, least=254.5):

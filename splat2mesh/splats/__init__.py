@@ -1,1 +1,6 @@
-"""Gaussian splats: as arrays, in files, moved and joined."""
+"""Gaussian splats as arrays, moved and joined; `Splats.load` and `Splats.save` go to `formats`."""
+
+from . import formats
+from .splats import Splats
+
+Splats.files = formats

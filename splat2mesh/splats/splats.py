@@ -3,12 +3,14 @@
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Any
+from types import ModuleType
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..base.errors import InputError
+from ..base.outputs import check_output
 from .harmonics import DEGREE_OF_COEFFICIENTS, SH_C0, sh_basis_3dgs
 from .zorder import rows_along_curve
 
@@ -65,6 +67,8 @@ class Splats:
     opacities: np.ndarray
     sh: np.ndarray
     environment: np.ndarray | None = None
+    files: ClassVar[ModuleType]
+    """`formats`, which makes Splats and so cannot be imported here: the package sets it."""
 
     def __post_init__(self) -> None:
         for name in NUMBERS:
@@ -113,9 +117,8 @@ class Splats:
         DataWarning
             When "auto" passes over a finer level.
         """
-        from .formats import read_splats
-
-        return read_splats(path, lod)
+        splats: Splats = cls.files.read_splats(path, lod)
+        return splats
 
     def save(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
         """Write the splats in the format of the name's suffix; the file appears only once it is complete.
@@ -142,14 +145,11 @@ class Splats:
         >>> splats = Splats.load("garden.ply")  # doctest: +SKIP
         >>> splats.take(splats.opacities > 0.1).save("garden.spz")  # doctest: +SKIP
         """
-        from ..base.outputs import check_output
-        from .formats import kind_of_name, write_splats
-
-        kind = kind_of_name(path)
+        kind = self.files.kind_of_name(path)
         if os.path.isdir(path):
             raise InputError(f"{path} is a folder: give the name of a file")
         check_output(path, overwrite)
-        write_splats(path, self, kind)
+        self.files.write_splats(path, self, kind)
 
     def __len__(self) -> int:
         return len(self.means)

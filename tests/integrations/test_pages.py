@@ -13,11 +13,11 @@ from browser import Browser, chromium
 from lit_ball import TILT, ball_scene, splats_of_ball
 from live_bundles import gain, make_bundle, reader, soft_suns
 from served import served
+from unpacked import from_rgbe
 
 from relight import Environment, Relighter
 from relight.engine.nine import nine_coefficients
 from relight.light.tonemap import tone_map
-from relight.live.lights import from_rgbe
 from relight.output.live_glb import write_live_glb
 from relight.output.preview import Preview
 from relight.output.splat_glb import write_splat_glb

@@ -1,12 +1,12 @@
 """Sessions whose lamps can be changed, and the relight that they are compared with."""
 
+from inline_worker import InlineWorker
 from viewer_scenes import Clock
 
 from relight import LightingOptions, RelightRequest
 from relight.jobs.job import Job
 from relight.jobs.session import session_of
 from relight.viewer.session import Session
-from relight.viewer.worker import InlineWorker
 
 
 def job_of(scene, env, **wishes):

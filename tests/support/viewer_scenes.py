@@ -2,13 +2,13 @@
 
 import numpy as np
 import open3d as o3d
+from inline_worker import InlineWorker
 
 from relight import Environment
 from relight.viewer.lighting import FinishedShading, keys
 from relight.viewer.request import SessionRequest
 from relight.viewer.session import Session
 from relight.viewer.state import choices_of
-from relight.viewer.worker import InlineWorker
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene
 

@@ -5,12 +5,13 @@ import json
 import numpy as np
 import pytest
 from attacks import damaged
+from typed_lamps import parse_lamp
 
 from relight.lamps.asked import Brightness, LampScale, resolve
 from relight.lamps.files import LAMP_SUFFIXES, MOST_LAMPS, read_lamps
 from relight.lamps.photometry import axis_intensity
 from relight.lamps.shapes import MeshLamp, ProfileLamp, RectangleLamp, SphereLamp, SpotLamp, TubeLamp
-from relight.lamps.spec import parse_lamp, parse_lamps
+from relight.lamps.spec import parse_lamps
 from splat2mesh.base.errors import InputError
 
 SCALE = LampScale(1.0, 2.0)
@@ -68,8 +69,6 @@ def test_json_and_the_command_line_say_the_same(tmp_path):
 def test_files_on_the_command_line(tmp_path):
     path = saved(tmp_path, LAMPS)
     assert len(parse_lamps(str(path))) == len(LAMPS)
-    with pytest.raises(InputError, match="has 6 lamps, expected one"):
-        parse_lamp(str(path))
     for before, after in zip(
         parse_lamps(str(path)), parse_lamps(f"{path} at=1,0,0 brightness=0EV color=#8080ff name=x"), strict=True
     ):

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
+from typed_lamps import parse_lamp
 
 from relight.lamps.asked import Brightness, LampScale, resolve
 from relight.lamps.ies import LARGEST_IES, read_profile
 from relight.lamps.photometry import axis_intensity, flux
 from relight.lamps.shapes import ProfileLamp
-from relight.lamps.spec import parse_lamp
 from splat2mesh.base.errors import InputError
 
 HEADERS = {

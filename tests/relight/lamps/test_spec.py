@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from typed_lamps import parse_lamp
 
 from relight.lamps.asked import BULB_M, TUBE_M, AskedLamp, Brightness, LampScale, resolve
 from relight.lamps.color import NAMES, TEMPERATURES, WHITE, blackbody, luminance, parse_color
 from relight.lamps.fields import EVERY, FIELDS, SHORT, asked_lamp
 from relight.lamps.shapes import MeshLamp, RectangleLamp, SphereLamp, SpotLamp, TubeLamp
-from relight.lamps.spec import parse_lamp, parse_lamps
+from relight.lamps.spec import parse_lamps
 from splat2mesh.base.errors import InputError
 
 SCALE = LampScale(0.5, 2.0)

@@ -75,7 +75,7 @@ def test_the_light_of_the_capture_changes_nothing(reader, folder):
 
 
 def test_surfaces_lie_where_splats_do_and_face_as_they_do():
-    from relight.live.surface import from_octahedral
+    from unpacked import from_octahedral
 
     _, _, splats, live = live_scene()
     rows = live.surfaces.packed

@@ -3,7 +3,7 @@
 import kingdon
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation, Slerp
+from scipy.spatial.transform import Rotation
 from scipy.special import sph_harm_y
 
 from relight.light.environment import turned_about_y
@@ -206,14 +206,6 @@ def test_log_undoes_exp_even_for_tiny_turns():
     # Near a whole turn, pi, the rotor nears -1, and what remains of its plane is only as good as pi - |b|.
     tolerance = TIGHT * size / (np.pi - np.minimum(size, 3.1)) * np.pi
     assert (np.abs(rotors.log(rotors.exp(bivector)) - bivector) <= tolerance).all()
-
-
-def test_slerp_is_that_of_scipy():
-    first, second = some_rotors(2)
-    share = np.linspace(0, 1, 11)
-    expected = Slerp([0, 1], Rotation.concatenate([scipy_rotation(first), scipy_rotation(second)]))(share).as_matrix()
-    assert np.abs(rotors.to_matrix(rotors.slerp(first, second, share)) - expected).max() < TIGHT
-    assert np.abs(rotors.to_matrix(rotors.slerp(first, -second, share)) - expected).max() < TIGHT
 
 
 # --- Up to a normal ----------------------------------------------------------------------------------------------

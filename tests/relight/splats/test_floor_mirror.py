@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from mirrored_rooms import DEEP, DIM, EYES, HIGH, OWN, WIDE, image, room, splats_of
+from unpacked import from_octahedral
 
 from relight import Environment
 from relight.api import RelightPlan
@@ -11,7 +12,7 @@ from relight.engine.relighter import Relighter
 from relight.live.basis import reduced, usual_moment
 from relight.live.live import LiveScene, live_of
 from relight.live.response import COEFFICIENTS, light_vector
-from relight.live.surface import LIT, from_octahedral
+from relight.live.surface import LIT
 from relight.splats import Binding, normals_of, shown_as_sky
 from relight.splats.floor_mirror import FloorMirror, floor_mirror
 from relight.splats.mirrored_places import by_color

@@ -6,7 +6,6 @@ from relight.light.suns import Suns
 from relight.sh.normals import unit_normals
 from relight.transfer import lobes, sampling
 from relight.transfer.analytic import analytic
-from relight.transfer.baked import BakedMotion
 from relight.transfer.dynamic import Anchor, DynamicTransfer
 from relight.transfer.dynamic_suns import DynamicSunlight
 from relight.transfer.filtering import average, steps_for
@@ -353,33 +352,3 @@ def test_what_cannot_move_is_refused_and_changes_nothing(scene):
             call()
     np.testing.assert_array_equal(live.transfer, before)
     assert not live.stale
-
-
-def test_a_baked_motion_is_within_its_tolerance_and_exact_in_its_poses(scene):
-    chunk, rng = scene.chunks[1], np.random.default_rng(8)
-    light = rng.random((BANDS**2, 3)) * 0.2
-    light[0] += 2.0  # so bright all around that nothing is clipped at 0
-
-    def changes(time_s):
-        # Still for half a second, then ever faster.
-        return {1: bent(chunk, 0.8 * max(0.0, time_s - 0.5) ** 2)}
-
-    live = DynamicTransfer(scene, [1], BANDS, RAYS)
-    baked = BakedMotion(live, changes, 1.5, 0.03, shortest_s=0.01)
-    assert baked.times[:2] == [0.0, 0.5] and baked.times[-1] == 1.5
-    steps = np.diff(baked.times)
-    assert len(steps) > 4 and steps[-1] < 0.5 and len(baked.errors) == len(steps) and max(baked.errors) <= 0.03
-    own = live.bodies[1].rows
-    worst = 0.0
-    for time_s in [*rng.uniform(0.0, 1.5, 8), *baked.times[2:5]]:
-        live.update_all(changes(time_s))
-        exact = live.transfer @ light.astype(np.float32)
-        shown = baked.radiance(time_s, light)
-        if time_s in baked.times:
-            np.testing.assert_allclose(shown, exact, atol=1e-5)
-        worst = max(worst, np.linalg.norm((shown - exact)[own]) / np.linalg.norm(exact[own]))
-    assert 0 < worst < 0.03
-    np.testing.assert_array_equal(baked.radiance(-1.0, light), baked.radiance(0.0, light))
-    np.testing.assert_array_equal(baked.radiance(9.0, light), baked.radiance(1.5, light))
-    with pytest.raises(InputError, match="longer than 0"):
-        BakedMotion(live, changes, 0.0)

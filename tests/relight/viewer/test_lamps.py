@@ -5,6 +5,7 @@ from threading import Event
 
 import numpy as np
 import pytest
+from inline_worker import InlineWorker
 from lamp_sessions import open_session, relit, warm
 from viewer_scenes import ball_on_plate
 
@@ -16,7 +17,6 @@ from relight.viewer.lamp_source import LampSource
 from relight.viewer.mixture import SessionMixture
 from relight.viewer.request import SessionRequest
 from relight.viewer.session import Session
-from relight.viewer.worker import InlineWorker
 from splat2mesh.base.errors import InputError
 
 LAMP = "1.2,0.5,1.2 radius=.1 brightness=+2EV"

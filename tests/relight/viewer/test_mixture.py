@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
+from inline_worker import InlineWorker
 from viewer_scenes import ball_on_plate
 
 from relight import LightingOptions, RelightRequest
 from relight.jobs.job import Job
 from relight.jobs.session import session_of
 from relight.viewer.session import Session
-from relight.viewer.worker import InlineWorker
 
 LAMP = "1.2,0.5,1.2 radius=.1 brightness=+2EV"
 

@@ -8,6 +8,7 @@ import trimesh
 
 pytest.importorskip("pyvista")
 
+from inline_worker import InlineWorker
 from viewer_scenes import SIZE, Clock, ball_on_plate
 
 from relight import LightingOptions, RelightRequest
@@ -15,7 +16,6 @@ from relight.jobs.job import Job
 from relight.jobs.session import session_of
 from relight.viewer.session import Session
 from relight.viewer.window import Window
-from relight.viewer.worker import InlineWorker
 from splat2mesh.base.errors import InputError
 
 pytestmark = pytest.mark.usefixtures("vtk_is_silent")

@@ -3,6 +3,7 @@
 import numpy as np
 import open3d as o3d
 import pytest
+from inline_worker import InlineWorker
 from viewer_scenes import ByHand, as_scene, ball_on_plate, constant, session_of
 
 from relight import Environment, Relighter
@@ -18,7 +19,7 @@ from relight.viewer.modes import MODES, error_scale, map_colors, vertex_errors
 from relight.viewer.request import SessionRequest
 from relight.viewer.session import REST_SECONDS, Session
 from relight.viewer.state import RANGES, choices_of
-from relight.viewer.worker import InlineWorker, ProcessWorker
+from relight.viewer.worker import ProcessWorker
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.progress import Stages
 from splat2mesh.scene.color import bytes_from_unit, linear_from_srgb

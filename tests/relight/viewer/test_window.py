@@ -9,6 +9,7 @@ import pytest
 
 pytest.importorskip("pyvista")
 
+from inline_worker import InlineWorker
 from viewer_scenes import SIZE, as_scene, ball_on_plate, bare, session_of
 
 from relight import Environment
@@ -20,7 +21,6 @@ from relight.viewer.request import SessionRequest
 from relight.viewer.session import Session
 from relight.viewer.stage import BACKDROP
 from relight.viewer.window import Window
-from relight.viewer.worker import InlineWorker
 
 pytestmark = pytest.mark.usefixtures("vtk_is_silent")
 

@@ -2,6 +2,8 @@
 
 import json
 import shutil
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,9 +16,12 @@ from splat2mesh.scene.meshfile import mesh_from_ply_bytes
 from splat2mesh.splats.formats import read_splats, write_inria_ply
 from splat2mesh.tiles import city as city_module
 from splat2mesh.tiles import pieces
-from splat2mesh.tiles.seams import check_seams
 from splat2mesh.tiles.store import Store
 from splat2mesh.tiles.tasks import Cluster, engine
+
+sys.path.insert(0, str(Path(__file__).parents[3] / "scripts"))
+
+from benchmarks.seams import check_seams
 
 
 @pytest.fixture(scope="module")

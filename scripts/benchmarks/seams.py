@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..scene.mesh import Mesh
-from ..scene.meshfile import mesh_from_ply_bytes
-from .store import Store
+from splat2mesh.scene.mesh import Mesh
+from splat2mesh.scene.meshfile import mesh_from_ply_bytes
+from splat2mesh.tiles.store import Store
 
 
 def check_seams(store: Store) -> dict[str, int]:

@@ -1,0 +1,42 @@
+"""The text of an option that describes one thing: a head, such as a file or a position, then name=value words.
+
+A value ends where the next word with a = begins, so that paths and names may have spaces.
+"""
+
+import re
+from typing import Any
+
+from .errors import InputError
+
+LONGEST_SPEC = 4096
+
+_WORD = re.compile(r"(?<!\s)\s+(?=\w+\s*=)")
+_KEY = re.compile(r"(\w+)\s*=\s*(.*)", re.DOTALL)
+
+
+def parse_spec(text: str) -> tuple[str, dict[str, Any]]:
+    """The head of a text, "" where it begins with a word, and the words by name. Raises InputError for other texts."""
+    if len(text) > LONGEST_SPEC:
+        raise InputError(f"{len(text)} letters, expected at most {LONGEST_SPEC}")
+    words = _WORD.split(text.strip())
+    head = "" if _KEY.fullmatch(words[0]) else words.pop(0)
+    given: dict[str, Any] = {}
+    for word in words:
+        match = _KEY.fullmatch(word)
+        if match is None:  # unreachable by the split, and no reason to trust that
+            raise InputError(f"{clip(word)}: expected name=value")
+        if match[1] in given:
+            raise InputError(f"{clip(match[1])}: given twice")
+        given[match[1]] = match[2]
+    return head, given
+
+
+def clip(value: Any) -> str:
+    """A value in a message: one line, not long."""
+    words = " ".join(str(value).split())
+    return words if len(words) <= 60 else words[:57] + "..."
+
+
+def plain(error: InputError) -> str:
+    """The text of an error in one line, in which no field is read as an option of the command line."""
+    return " ".join(str(error).split()).replace("`", "")
