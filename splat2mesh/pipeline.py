@@ -171,7 +171,7 @@ def convert(
             preview_camera=camera,
             picture=picture,
             capture=_capture(standing, rotation),
-            source=describe(path, asked.lod),
+            source=describe(path, asked.lod) | ({"offset": splats.facts.offset} if any(splats.facts.offset) else {}),
             settings=settings,
             statistics=statistics,
         )
@@ -220,7 +220,8 @@ def _standing(foreground: Splats, splats: Splats, asked: ConvertOptions, up: Vec
     """The Standpoints of a capture; the sugar way knows objects only."""
     if asked.surface != "field":
         return standpoints(splats, bounds_of(foreground), "outside")
-    return standpoints(splats, bounds_of(foreground), asked.stand, asked.eyes, asked.seed, up)
+    eyes = [tuple(np.subtract(eye, splats.facts.offset).tolist()) for eye in asked.eyes]
+    return standpoints(splats, bounds_of(foreground), asked.stand, eyes, asked.seed, up)
 
 
 def _is_place(splats: Splats) -> bool:

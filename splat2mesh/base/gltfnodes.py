@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.errors import InputError
+from .errors import InputError
 from .gltf import GltfData
 
 
