@@ -14,8 +14,13 @@ EXTRAS = {
     "fsspec": "cluster",
     "manifold3d": "proxy",
     "coacd": "proxy",
+    "pxr": "usd",
 }
 """Package -> the extra of pyproject.toml that brings it."""
+
+
+PACKAGES = {"pxr": "usd-core"}
+"""Names under which packages are installed, where they are others."""
 
 
 def needed(
@@ -28,7 +33,9 @@ def needed(
     except ModuleNotFoundError as error:
         if error.name != package:  # the package is there, and something that it needs is not
             raise
-        command = f'pip install "splat2mesh[{EXTRAS[package]}]"'
+        extra = EXTRAS[package]
+        package = PACKAGES.get(package, package)
+        command = f'pip install "splat2mesh[{extra}]"'
         raise InputError(f"{purpose} needs {package}, which is not installed: {command}") from None
 
 

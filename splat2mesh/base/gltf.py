@@ -28,6 +28,9 @@ UNREADABLE = "KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_mesho
 HARMLESS = "KHR_mesh_quantization", "KHR_materials_", "KHR_texture_", "EXT_texture_", "MSFT_texture_", "KHR_lights_"
 """Extensions, or how their names begin, that a file may require: the first is read, the others concern no shape."""
 
+SPLATS, SPZ_DRAFT = "KHR_gaussian_splatting", "KHR_spz_"
+"""Extension of Gaussian splats, with which those begin that it is compressed by, and how the drafts of these begin."""
+
 MOST_NODES = 100_000
 """Which take half a minute to place."""
 
@@ -79,7 +82,7 @@ class GltfData:
         packed = [name for name in required if name in UNREADABLE]
         if packed:
             raise InputError(f"{self.path}: needs {', '.join(packed)}, which is not read; export it uncompressed")
-        unknown = [name for name in required if not name.startswith(HARMLESS)]
+        unknown = [name for name in required if not name.startswith((*HARMLESS, SPLATS, SPZ_DRAFT))]
         if unknown:
             raise InputError(f"{self.path}: needs {', '.join(unknown)}, which is not read; export it without")
         self._buffers: dict = {}
@@ -223,7 +226,7 @@ class GltfData:
         Parameters
         ----------
         image : Record
-            An entry of `document.images`.
+            An entry of `document.images`, or what names a `bufferView` alone.
 
         Returns
         -------

@@ -4,6 +4,7 @@ Files in a bucket are copied to the worker that reads them, one at a time.
 """
 
 import os
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -13,12 +14,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..base.errors import InputError
+from ..base.errors import DataWarning, InputError
 from ..base.inputs import inside
 from ..splats.formats import inria, sog, streamed
 from ..splats.formats.parts import SUFFIXES, check_lod, parts_of
 from ..splats.formats.ply import Ply
-from ..splats.formats.read import kind_of, read_splats
+from ..splats.formats.read import read_splats
+from ..splats.formats.register import kind_of_file
 from ..splats.splats import Splats
 from .store import Store
 
@@ -52,6 +54,8 @@ def pieces_of(path: str, lod: Any = "auto") -> list[CityPiece]:
         found = parts_of(path, lod)
         if lod == "auto" and found.level:
             found = parts_of(path, 0)
+        if found.note:
+            warnings.warn(found.note, DataWarning, stacklevel=2)
         pieces = [piece for tile in found.tiles for piece in _cut(tile)]
         if found.environment is not None:
             pieces.append(CityPiece(str(found.environment), 0, -1, True))
@@ -61,7 +65,7 @@ def pieces_of(path: str, lod: Any = "auto") -> list[CityPiece]:
 
 
 def _cut(path: Path) -> list[CityPiece]:
-    if path.is_file() and kind_of(path) == "ply":
+    if path.is_file() and kind_of_file(path) == "ply":
         elements = Ply.open(path).elements
         rows = elements["vertex"].count if "vertex" in elements else 0
         if rows > PIECE_ROWS:

@@ -27,6 +27,7 @@ from .encoding import restore_largest, sigmoid
 AnyPath: TypeAlias = str | os.PathLike[str]
 
 META = "meta.json"
+ZIP = b"PK\x03\x04"
 ANTIALIASED = "antialiased"
 """Value of `model` in it, of splats for an anti-aliasing rasteriser. Source: playcanvas/splat-transform 3.2."""
 LARGEST_IMAGE = 1 << 30

@@ -14,42 +14,36 @@ import warnings
 import zlib
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...base.errors import DataWarning, InputError
 from ...base.inputs import check_count, file_size
-from ...base.outputs import staged_file
 from ..facts import FileFacts
 from ..placing import reframed
 from ..splats import Splats
-from .encoding import hide_unusable, levels, restore_largest, smallest_three, warn_beyond, warn_clipped
+from .encoding import restore_largest, warn_beyond
 
 AnyPath: TypeAlias = str | os.PathLike[str]
 
 MAGIC = b"NGSP"
-_HEADER = struct.Struct("<4sIIBBBB")
+HEADER = struct.Struct("<4sIIBBBB")
 _V4_HEADER_BYTES = 32
 _V4_STREAMS_AT = struct.Struct("<I")
 _V4_STREAM = struct.Struct("<QQ")
 # Turning about x by 180 degrees, (x, -y, -z), flips the harmonics that are odd in y and z together.
-_FLIPPED = np.array([1, -1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1], np.float32)
-_COLOR_SCALE = 0.15  # a coefficient of 1 moves a colour byte by this share of its range
-_WRITTEN_VERSION = 3  # the latest that comes as gzip, which every reader knows
-_LARGEST_INT24 = (1 << 23) - 1
-_MOST_FRACTION_BITS = 24
-_USUAL_FRACTION_BITS = 12  # of Niantic's own writer
-_FAR_SHARE = 0.001  # of the splats, which may be clipped rather than coarsen all others below the usual
-_ANTIALIASED, _HAS_RECORDS = 1, 2  # flags of the header
+FLIPPED = np.array([1, -1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1], np.float32)
+COLOR_SCALE = 0.15  # a coefficient of 1 moves a colour byte by this share of its range
+ANTIALIASED, _HAS_RECORDS = 1, 2  # flags of the header
 _RECORD = struct.Struct("<II")
 _LARGEST_RECORDS = 1 << 20  # bytes of all of them; those that are known take 12 and 20
 _AXES_RECORD = 0xADBE0003  # SPZ_ADOBE_coordinate_system
 _AXES = "RUB LDB RDB LUB RUB LDF RDF LUF RUF LFD RFD LFU RFU LBD RBD LBU RBU".split()  # by its value; 0 says nothing
 _DIRECTIONS = {"R": (1, 0, 0), "L": (-1, 0, 0), "D": (0, 1, 0), "U": (0, -1, 0), "F": (0, 0, 1), "B": (0, 0, -1)}
 _MOST_DEGREE, _READ_DEGREE = 4, 3
-_GZIP = 31  # window bits of zlib that make its stream a gzip one, with no name and no date in its header
+GZIP = 31  # window bits of zlib that make its stream a gzip one, with no name and no date in its header
 
 
 def read(path: AnyPath) -> Splats:
@@ -104,86 +98,50 @@ def read_bytes(path: AnyPath, data: bytes) -> Splats:
     if header.degree > _READ_DEGREE:
         warn_beyond(path, header.count, header.degree)
     splats = _decode(header, sections)
-    facts = FileFacts(True if header.flags & _ANTIALIASED else None, frame=_frame(axes))
+    facts = FileFacts(True if header.flags & ANTIALIASED else None, frame=_frame(axes))
     turn = np.transpose([_DIRECTIONS[letter] for letter in axes or "RUB"]) * np.array([1, -1, -1])
     return reframed(replace(splats, facts=facts), turn)
 
 
-def write(path: AnyPath, splats: Splats) -> None:
-    """Write an SPZ of version 3, row i being splat i; the file appears only once it is complete.
+def places(path: AnyPath) -> NDArray[np.float32]:
+    """Read the positions alone, as they are stored.
 
     Parameters
     ----------
     path : path
-    splats : Splats
-        In the frame of a PLY.
 
-    Warns
-    -----
-    DataWarning
-        About splats, positions and harmonics that the format cannot hold.
+    Returns
+    -------
+    ndarray of float32, (N, 3)
+        In the axes of the file.
 
-    Notes
-    -----
-    Positions get as many fraction bits as their reach leaves, so that those of an SPZ come back exactly.
+    Raises
+    ------
+    InputError
+        When it is no SPZ, damaged or cut short.
     """
-    splats, usable = hide_unusable(splats, path)
-    bits = _fraction_bits(np.abs(splats.means).max(axis=1))
-    fixed = np.rint(splats.means.astype(np.float64) * [1, -1, -1] * (1 << bits))
-    warn_clipped(np.abs(fixed) > _LARGEST_INT24, path, "positions")
-    fixed = np.clip(fixed, -_LARGEST_INT24, _LARGEST_INT24).astype("<i4")
-    scale_log = np.log(np.maximum(splats.scales, np.finfo(np.float32).tiny))
-    # Half a step beyond the last level still rounds to it.
-    beyond = (np.abs(scale_log + 10 - 255 / 32) > 255 / 32 + 1 / 32) & usable[:, None]
-    warn_clipped(beyond, path, "scales below e^-10 or above e^5.9")
-    sh = splats.sh * _FLIPPED[: splats.sh.shape[1], None]
-    color, rest = sh[:, 0] * _COLOR_SCALE + 0.5, np.rint(sh[:, 1:] * 128 + 128)
-    warn_clipped(np.abs(color - 0.5) > 0.5 + 0.5 / 255, path, "colours")
-    warn_clipped((rest < 0) | (rest > 256), path, "harmonics beyond +-1")  # 256, which is 1, is off by a single step
-    sections = (
-        fixed.view(np.uint8).reshape(len(splats), 3, 4)[..., :3],
-        levels(splats.opacities, 8),
-        levels(color, 8),
-        np.clip(np.rint((scale_log + 10) * 16), 0, 255),
-        _packed_rotations(splats.quats_wxyz[:, [1, 2, 3, 0]] * np.array([1, -1, -1, 1], np.float32)),
-        np.clip(rest, 0, 255),
-    )
-    flags = _ANTIALIASED if splats.facts.antialiased else 0
-    header = _HEADER.pack(MAGIC, _WRITTEN_VERSION, len(splats), splats.degree, bits, flags, 0)
-    deflate = zlib.compressobj(9, zlib.DEFLATED, _GZIP)
-    with staged_file(path) as staging, open(staging, "wb") as file:
-        file.write(deflate.compress(header))
-        for section in sections:
-            file.write(deflate.compress(section.astype(np.uint8).tobytes()))
-        file.write(deflate.flush())
-
-
-def _fraction_bits(reach: NDArray[np.float32]) -> int:
-    """Bits after the point of positions whose largest coordinates are `reach`: (N,) -> int."""
-    bits = _bits_for(reach.max())
-    if bits < _USUAL_FRACTION_BITS:
-        most = np.quantile(reach, 1 - _FAR_SHARE, method="higher")
-        bits = min(_bits_for(most), _USUAL_FRACTION_BITS)
-    return bits
-
-
-def _bits_for(largest: np.floating[Any]) -> int:
-    with np.errstate(divide="ignore"):
-        return int(np.clip(np.floor(np.log2(_LARGEST_INT24 / np.float64(largest))), 0, _MOST_FRACTION_BITS))
-
-
-def _packed_rotations(quats_xyzw: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """Version 3, as `_quats_xyzw` reads it: (N, 4) -> (N, 4) uint8."""
-    small, largest = smallest_three(quats_xyzw)
-    packed = largest.astype("<u4")
-    for part in small.T:
-        packed = packed << 10 | (part < 0).astype("<u4") << 9 | levels(np.abs(part) * np.sqrt(2), 9)
-    return np.ascontiguousarray(packed, "<u4")[:, None].view(np.uint8)
+    file_size(path, "splat file")
+    data = Path(path).read_bytes()
+    try:
+        if data.startswith(MAGIC):
+            header, table, sizes = _table_v4(path, data)
+            start, size = table + len(sizes) * _V4_STREAM.size, 9 * header.count
+            packed = _unpacked(data[start : start + sizes[0][0]], size)
+        else:
+            inflate = zlib.decompressobj(wbits=GZIP)
+            header = _Header(path, inflate.decompress(data, HEADER.size), (2, 3))
+            check_count(path, header.count, len(data))
+            packed = inflate.decompress(inflate.unconsumed_tail, 9 * header.count)
+    except (zlib.error, struct.error, ValueError) as error:
+        raise InputError(f"{path}: the SPZ stream is damaged ({error}): copy or export it again") from error
+    _check_size(path, "positions", len(packed), 9 * header.count)
+    fixed = _int24(np.frombuffer(packed, np.uint8).reshape(-1, 9))
+    return fixed / np.float32(1 << header.fraction_bits)
 
 
 class _Header:
     def __init__(self, path: AnyPath, data: bytes, versions: tuple[int, ...]) -> None:
-        magic, self.version, self.count, degree, self.fraction_bits, self.flags, self.last = _HEADER.unpack_from(data)
+        magic, self.version, self.count, degree, self.fraction_bits, self.flags, self.last = HEADER.unpack_from(data)
         if magic != MAGIC:
             raise InputError(f"{path} is compressed, but holds no SPZ data: expected the mark {MAGIC!r}")
         if self.version not in versions:
@@ -201,8 +159,8 @@ class _Header:
 
 
 def _open_gzip(path: AnyPath, data: bytes) -> tuple[_Header, list[bytes], bytes]:
-    inflate = zlib.decompressobj(wbits=_GZIP)
-    header = _Header(path, inflate.decompress(data, _HEADER.size), (2, 3))
+    inflate = zlib.decompressobj(wbits=GZIP)
+    header = _Header(path, inflate.decompress(data, HEADER.size), (2, 3))
     check_count(path, header.count, len(data))
     expected = header.count * sum(header.widths)
     # Bounded by what the header announces, so that a damaged stream cannot fill the memory.
@@ -241,17 +199,23 @@ def _unpacked(packed: bytes, most: int) -> bytes:
     return bytes(content)
 
 
-def _open_v4(path: AnyPath, data: bytes) -> tuple[_Header, list[bytes], bytes]:
+def _table_v4(path: AnyPath, data: bytes) -> tuple[_Header, int, list[tuple[int, int]]]:
+    """The header, the byte at which the table of streams begins, and their sizes, packed and unpacked."""
     header = _Header(path, data, (4,))
     check_count(path, header.count, len(data))
-    widths = [width for width in header.widths if width]
-    if header.last != len(widths):
-        raise InputError(f"{path}: expected {len(widths)} SPZ streams, found {header.last}")
-    (table,) = _V4_STREAMS_AT.unpack_from(data, _HEADER.size)
-    start = table + len(widths) * _V4_STREAM.size
+    count = sum(width > 0 for width in header.widths)
+    if header.last != count:
+        raise InputError(f"{path}: expected {count} SPZ streams, found {header.last}")
+    (table,) = _V4_STREAMS_AT.unpack_from(data, HEADER.size)
+    return header, table, [_V4_STREAM.unpack_from(data, table + i * _V4_STREAM.size) for i in range(count)]
+
+
+def _open_v4(path: AnyPath, data: bytes) -> tuple[_Header, list[bytes], bytes]:
+    header, table, sizes = _table_v4(path, data)
+    start = table + len(sizes) * _V4_STREAM.size
     sections: list[bytes] = []
-    for i, width in enumerate(widths):
-        packed_size, size = _V4_STREAM.unpack_from(data, table + i * _V4_STREAM.size)
+    for i, (packed_size, size) in enumerate(sizes):
+        width = header.widths[i]
         _check_size(path, f"stream {i}", size, header.count * width)
         packed = data[start : start + packed_size]
         _check_size(path, f"stream {i}", len(packed), packed_size)
@@ -309,11 +273,11 @@ def _decode(header: _Header, sections: list[bytes]) -> Splats:
         np.frombuffer(section, np.uint8).reshape(n, width)
         for section, width in zip(sections, header.widths, strict=True)
     )
-    k = min(header.k, len(_FLIPPED))
+    k = min(header.k, len(FLIPPED))
     sh = np.zeros((n, k, 3), np.float32)
-    sh[:, 0] = (colors / np.float32(255) - 0.5) / _COLOR_SCALE
+    sh[:, 0] = (colors / np.float32(255) - 0.5) / COLOR_SCALE
     sh[:, 1:] = (rest.reshape(n, -1, 3)[:, : k - 1] - np.float32(128)) / 128
-    sh *= _FLIPPED[:k, None]
+    sh *= FLIPPED[:k, None]
     means = _int24(positions) / np.float32(1 << header.fraction_bits) * np.array([1, -1, -1], np.float32)
     quats_wxyz = _quats_xyzw(rotations)[:, [3, 0, 1, 2]] * np.array([1, 1, -1, -1], np.float32)
     return Splats(means, np.exp(scales / np.float32(16) - 10), quats_wxyz, alphas[:, 0] / np.float32(255), sh)

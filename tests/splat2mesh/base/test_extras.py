@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from splat2mesh.base.errors import InputError
-from splat2mesh.base.extras import EXTRAS, installed, needed
+from splat2mesh.base.extras import EXTRAS, PACKAGES, installed, needed
 
 
 def test_a_missing_package_is_one_line_with_its_extra(monkeypatch):
@@ -27,7 +27,7 @@ def test_every_extra_brings_its_package():
     project = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text())["project"]
     extras = project["optional-dependencies"]
     for package, extra in EXTRAS.items():
-        assert any(line.startswith(package.replace("_", "-")) for line in extras[extra])
+        assert any(line.startswith(PACKAGES.get(package, package).replace("_", "-")) for line in extras[extra])
 
 
 def test_plans_leave_the_network_out_where_it_cannot_run(monkeypatch):

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 from sog_samples import palette_splats, sog_parts, store_folder
-from splat_samples import make_splats
+from splat_samples import make_splats, tile_at
 
 from splat2mesh.base.errors import InputError
 from splat2mesh.splats.formats import write_inria_ply
@@ -37,10 +37,10 @@ def assert_same_pieces(folder, lod="auto"):
 def tiles(tmp_path):
     (tmp_path / "tiles").mkdir()
     for number, name in enumerate(("b.ply", "a.ply")):
-        write_inria_ply(tmp_path / "tiles" / name, make_splats(20 + number, 1))
+        write_inria_ply(tmp_path / "tiles" / name, tile_at(10 * number, make_splats(20 + number, 1)))
     (tmp_path / "tiles" / "notes.txt").write_text("no splats")
     (tmp_path / "tiles" / "c").mkdir()
-    store_folder(tmp_path / "tiles" / "c", sog_parts(palette_splats(30, 0), 2))
+    store_folder(tmp_path / "tiles" / "c", sog_parts(tile_at(20, palette_splats(30, 0)), 2))
     return tmp_path / "tiles"
 
 

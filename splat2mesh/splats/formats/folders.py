@@ -1,0 +1,222 @@
+"""What a folder of splat files means: tiles of one capture, or the same capture several times.
+
+Tiles hardly overlap. Files in the same place are checkpoints of one training, of which the newest counts; the same
+splats again, as another format or in another light, of which one counts; or frames of a sequence, which are not read.
+"""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...base.errors import InputError
+from . import spz
+from .ply import Ply
+from .register import BY_KIND, kind_of_file, reader_of
+
+SAME_PLACE = 0.5
+"""Share of the space of two files, together, that both fill, from which they show the same: two checkpoints have .9 and
+more, tiles that overlap by a tenth of their sides .05."""
+
+SAME_BOUNDS, SAME_SPLAT = 0.05, 0.002
+"""Diagonals by which the bounds of the same splats may differ, and the places of one of them, after quantising."""
+
+MOVED = 0.005
+"""Share of the splats that must have moved from one frame to the next."""
+
+SAMPLE = 4096
+"""Splats of a file that are compared."""
+
+_INNER = 1, 99
+"""Percentiles of the places along each axis that bound a file: what floats about does not count."""
+
+_NUMBERED = re.compile(r"^(.*?)(\d+)(\D*)$")
+_TRAINING = re.compile(r"(^|[^a-z])(iter(ation)?s?|steps?|ckpt|checkpoint|epoch)([^a-z]|$)", re.IGNORECASE)
+_STEPS = 100
+"""Trainers save after a multiple of this many steps, or count from 0 and name the last one."""
+_RESULT = re.compile(r"(^|[^a-z])(relit|relight|clean|albedo|catcher|cleaned|compressed)([^a-z]|$)", re.IGNORECASE)
+_ITERATION = re.compile(r"^iteration_(\d+)$")
+
+
+@dataclass(frozen=True, eq=False)
+class _Sketch:
+    """A file, its number of splats, and the places of some of them: (M, 3) float64."""
+
+    path: Path
+    kind: str
+    count: int
+    places: NDArray[np.float64]
+    bounds: NDArray[np.float64]
+
+    @property
+    def diagonal(self) -> float:
+        return float(np.linalg.norm(self.bounds[1] - self.bounds[0]))
+
+    @property
+    def stem(self) -> str:
+        name = self.path.parent.name if _ITERATION.match(self.path.parent.name) else self.path.name
+        for suffix in sorted((s for each in BY_KIND.values() for s in each.suffixes), key=len, reverse=True):
+            if name.lower().endswith(suffix):
+                return name[: -len(suffix)]
+        return name
+
+    @property
+    def number(self) -> tuple[str, int, str] | None:
+        """The stem around its last number, and that number."""
+        found = _NUMBERED.match(self.stem)
+        return (found[1], int(found[2]), found[3]) if found else None
+
+
+def trained_in(folder: Path) -> list[Path]:
+    """Find the checkpoints in the output folder of INRIA's trainer, or in its folder point_cloud, oldest first.
+
+    Parameters
+    ----------
+    folder : Path
+
+    Returns
+    -------
+    list of Path
+        Of point_cloud.ply files; empty for any other folder.
+    """
+    found = {}
+    for above in (folder / "point_cloud", folder):
+        for each in above.iterdir() if above.is_dir() else ():
+            match, file = _ITERATION.match(each.name), each / "point_cloud.ply"
+            if match and file.is_file():
+                found[int(match[1])] = file
+        if found:
+            break
+    return [found[number] for number in sorted(found)]
+
+
+def meant(folder: Path, files: Sequence[Path]) -> tuple[tuple[Path, ...], str]:
+    """Choose the files that a folder stands for.
+
+    Parameters
+    ----------
+    folder : Path
+        For messages.
+    files : sequence of Path
+        The splat files in it, at least one.
+
+    Returns
+    -------
+    files : tuple of Path
+        In their order.
+    note : str
+        What was left out and why, or "".
+
+    Raises
+    ------
+    InputError
+        For frames of a sequence, for files in the same place that are neither tiles nor copies, and for a broken file.
+    """
+    if len(files) < 2:
+        return tuple(files), ""
+    # Asked several times of the same folder in one run.
+    states = [each.stat() for each in files]
+    return _meant(folder, tuple(files), tuple((each.st_size, each.st_mtime_ns) for each in states))
+
+
+@lru_cache(maxsize=8)
+def _meant(folder: Path, files: tuple[Path, ...], states: tuple[Any, ...]) -> tuple[tuple[Path, ...], str]:
+    kept, notes = [], []
+    for group in _groups([_sketch(path) for path in files]):
+        one, note = _one_of(folder, group)
+        kept.append(one.path)
+        notes += [note] * bool(note)
+    note = notes[0] + (f" (and {len(notes) - 1} more groups of files alike)" if len(notes) > 1 else "") if notes else ""
+    return tuple(path for path in files if path in kept), note
+
+
+def _one_of(folder: Path, group: list[_Sketch]) -> tuple[_Sketch, str]:
+    """The file that counts among those in one place, and what to say about the others."""
+    distinct: list[_Sketch] = []
+    for each in sorted(group, key=_preference):
+        if not any(_same(each, other) for other in distinct):
+            distinct.append(each)
+    if len(distinct) == 1:
+        names = ", ".join(sorted(each.path.name for each in group if each is not distinct[0])[:4])
+        note = f"{folder}: {names} holds the splats of {distinct[0].path.name} once more: read that one alone"
+        return distinct[0], note if len(group) > 1 else ""
+    numbers = [each.number for each in distinct]
+    named = {None if number is None else (number[0], number[2]) for number in numbers}
+    if len(named) == 1 and None not in named:
+        distinct.sort(key=lambda each: each.number or ("", 0, ""))
+        values = [number[1] for number in numbers if number is not None]
+        steps = all(value % _STEPS in (0, _STEPS - 1) for value in values)
+        if steps or _TRAINING.search(distinct[0].stem):
+            newest = distinct[-1]
+            name = newest.path.relative_to(folder)
+            note = f"{folder} holds {len(distinct)} checkpoints of one training: took the newest, {name}"
+            return newest, f"{note}; give the path of another to read that"
+        ends = f"{distinct[0].path.name} to {distinct[-1].path.name}"
+        raise InputError(
+            f"{folder} holds {len(distinct)} frames of a sequence, {ends}: sequences are not yet read (the option "
+            f"--sequence will); give one file, such as {distinct[0].path}"
+        )
+    first, second = distinct[:2]
+    raise InputError(
+        f"{folder}: {first.path.name} and {second.path.name} lie in the same place, so they are no tiles of one "
+        f"capture: give one file, such as {first.path}"
+    )
+
+
+def _preference(sketch: _Sketch) -> tuple[Any, ...]:
+    return bool(_RESULT.search(sketch.stem)), BY_KIND[sketch.kind].exactness, -sketch.count, sketch.path.name
+
+
+def _same(one: _Sketch, other: _Sketch) -> bool:
+    """Whether two files in one place hold the same splats."""
+    diagonal = max(one.diagonal, other.diagonal)
+    if np.abs(one.bounds - other.bounds).max() > SAME_BOUNDS * diagonal:
+        return False
+    if one.count != other.count:
+        return one.stem.lower() == other.stem.lower()
+    if one.number is None or other.number is None or one.number == other.number:
+        return True
+    apart = np.linalg.norm(one.places - other.places, axis=1)
+    return bool(np.count_nonzero(~(apart <= SAME_SPLAT * diagonal)) <= MOVED * len(apart))
+
+
+def _groups(sketches: list[_Sketch]) -> list[list[_Sketch]]:
+    """The files in groups that lie in one place each."""
+    bounds = np.stack([each.bounds for each in sketches])
+    # Flat ones get a thickness, so that they have a volume.
+    pad = 1e-3 * max(float(np.linalg.norm(bounds[:, 1] - bounds[:, 0], axis=1).max()), 1e-12)
+    low, high = bounds[:, 0] - pad, bounds[:, 1] + pad
+    volume = np.prod(high - low, axis=1)
+    group = np.arange(len(sketches))
+    for i in range(len(sketches)):
+        shared = np.prod(np.maximum(np.minimum(high[i], high) - np.maximum(low[i], low), 0), axis=1)
+        near = shared > SAME_PLACE * (volume[i] + volume - shared)
+        for other in np.unique(group[near]):
+            group[group == other] = group[i]
+    return [[each for each, mark in zip(sketches, group, strict=True) if mark == of] for of in np.unique(group)]
+
+
+def _sketch(path: Path) -> _Sketch:
+    kind = kind_of_file(path)
+    count, places = _places(path, kind)
+    places = places.astype(np.float64)
+    finite = places[np.isfinite(places).all(axis=1)]
+    bounds = np.percentile(finite, _INNER, axis=0) if len(finite) else np.zeros((2, 3))
+    return _Sketch(path, kind, count, places, bounds)
+
+
+def _places(path: Path, kind: str) -> tuple[int, NDArray[Any]]:
+    """How many splats a file holds, and the places of some, (M, 3), in as little time as its kind allows."""
+    if kind == "ply":
+        ply = Ply.open(path)
+        if "vertex" in ply.elements and {"x", "y", "z"} <= ply.elements["vertex"].properties.keys():
+            rows = ply.rows("vertex")
+            some = np.array(rows[:: 1 + len(rows) // SAMPLE])
+            return len(rows), np.stack([some[name] for name in "xyz"], axis=1)
+    means = spz.places(path) if kind == "spz" else reader_of(kind)(path).means
+    return len(means), means[:: 1 + len(means) // SAMPLE]
