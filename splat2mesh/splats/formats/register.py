@@ -7,12 +7,15 @@ from pathlib import Path
 from typing import Any
 
 from ...base.errors import InputError
+from ...base.gltf import SPLATS, SPZ_DRAFT
 from ...base.inputs import check_special
 from ..splats import Splats
 from . import compressed_ply, dotsplat, gltf, inria, ksplat, lcc, sog, sog_writing, spz, spz_writing, usd
 from .ply import Ply
 
 Writer = Callable[[str | os.PathLike[str], Splats], Any]
+
+_HEADER_BYTES = 1 << 20
 
 CONVERTER = "npx @playcanvas/splat-transform"
 """Converts between the formats of splats. Source: github.com/playcanvas/splat-transform."""
@@ -229,6 +232,28 @@ def kind_of_file(path: Path) -> str:
     if suffix == ".ksplat" or (not suffix and ksplat.looks_like(head)):
         return "ksplat"
     raise InputError(f"{path} is not a splat file (it starts with {head[:12]!r}): expected {KINDS}")
+
+
+def looks_like_splat(path: Path) -> bool:
+    """Return whether a file is meant as a splat, rather than as a mesh, by its content; does not validate it.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    bool
+    """
+    suffix = path.suffix.lower()
+    with open(path, "rb") as file:
+        head = file.read(_HEADER_BYTES)
+    if head.startswith(b"ply"):
+        header = head[: head.find(b"end_header")]
+        return b"packed_position" in header or (b"scale_0" in header and b"rot_0" in header)
+    if head.startswith(gltf.MAGIC) or suffix in gltf.SUFFIXES:
+        return any(name.encode() in head for name in (SPLATS, SPZ_DRAFT))
+    return any(suffix in each.suffixes for each in FORMATS if each.kind not in ("ply", "glb"))
 
 
 def reader_of(kind: str) -> Callable[[Path], Splats]:
