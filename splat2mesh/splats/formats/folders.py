@@ -169,7 +169,8 @@ def _one_of(folder: Path, group: list[_Sketch]) -> tuple[_Sketch, str]:
 
 
 def _preference(sketch: _Sketch) -> tuple[Any, ...]:
-    return bool(_RESULT.search(sketch.stem)), BY_KIND[sketch.kind].exactness, -sketch.count, sketch.path.name
+    name = sketch.path.name
+    return bool(_RESULT.search(sketch.stem)), BY_KIND[sketch.kind].exactness, -sketch.count, len(name), name
 
 
 def _same(one: _Sketch, other: _Sketch) -> bool:
