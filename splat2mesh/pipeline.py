@@ -33,8 +33,9 @@ from .surface.measure import measured_of
 from .surface.place import PLACE, parted, reconstruct_place
 from .surface.solid import reconstruct_object
 from .texture.projection import Look
-from .views.cameras import spread_out, trained_views
+from .views.cameras import spread_out
 from .views.eyes import around
+from .views.located import located_views
 from .views.panes import sky_in_panes
 from .views.picture import place_view
 from .views.standpoints import ROOM_SHARE, Standpoints, standpoints
@@ -90,7 +91,7 @@ def convert(
         splats, counts = clean(loaded)
         check_extent(splats)
         rows = np.flatnonzero(usable(loaded)[0])
-        trained = trained_views(asked.cameras, path, splats)
+        trained = located_views(asked.cameras, path, asked.lod, splats)
         rotation, up_from = upright(asked.up, trained, splats, lambda: _is_place(splats))
     order = splats.spatial_order()
     splats, rows = splats.take(order), rows[order]
@@ -307,7 +308,7 @@ def plan(path: str | os.PathLike[str], options: ConvertOptions | None = None, **
     asked = ConvertOptions.of(options, **changes)
     splats, counts = clean(read_splats(path, asked.lod))
     check_extent(splats)
-    trained = trained_views(asked.cameras, path, splats)
+    trained = located_views(asked.cameras, path, asked.lod, splats)
     rotation, up_from = upright(asked.up, trained, splats, lambda: _is_place(splats))
     effort = EFFORTS[asked.detail]
     total, far = len(splats), far_background(splats)

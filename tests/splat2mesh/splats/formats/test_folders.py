@@ -129,7 +129,7 @@ def test_tiles_that_overlap_by_a_tenth_stay_tiles(tmp_path):
     named = {}
     for x in range(3):
         for z in range(2):
-            means = rng.uniform(-0.05, 1.05, (500, 3)) + [x, 0, z]
+            means = np.array([x, 0, z]) + rng.uniform(-0.05, 1.05, (500, 3))
             named[f"tile_{x}_{z}.ply"] = replace(base, means=means)
     folder = stored(tmp_path / "city", named)
     with warnings.catch_warnings():
