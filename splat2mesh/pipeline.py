@@ -92,13 +92,13 @@ def convert(
         check_extent(splats)
         rows = np.flatnonzero(usable(loaded)[0])
         trained = located_views(asked.cameras, path, asked.lod, splats)
-        rotation, up_from = upright(asked.up, trained, splats, lambda: _is_place(splats))
+        rotation, up_from = upright(asked.up, trained, splats, lambda: is_place(splats))
     order = splats.spatial_order()
     splats, rows = splats.take(order), rows[order]
     center, radius, far = foreground_ball(splats)
     foreground, effort = splats.take(np.flatnonzero(~far)), EFFORTS[asked.detail]
     with stages.stage("standpoints"):
-        standing = _standing(foreground, splats, asked, rotation[1, :3])
+        standing = standing_of(foreground, splats, asked, rotation[1, :3])
         panes = _panes(standing, foreground, splats, far)
     ahead.expect(ahead.PLACE if standing.eyes else ahead.OBJECT)
     far, solid = far | panes, splats.take(np.flatnonzero(~panes)) if panes.any() else splats
@@ -217,7 +217,7 @@ def add_texture(scene: Scene, looks: list[Look], size: int | str, stages: Stages
     scene.statistics = scene.statistics | statistics
 
 
-def _standing(foreground: Splats, splats: Splats, asked: ConvertOptions, up: Vector) -> Standpoints:
+def standing_of(foreground: Splats, splats: Splats, asked: ConvertOptions, up: Vector) -> Standpoints:
     """The Standpoints of a capture; the sugar way knows objects only."""
     if asked.surface != "field":
         return standpoints(splats, bounds_of(foreground), "outside")
@@ -225,7 +225,7 @@ def _standing(foreground: Splats, splats: Splats, asked: ConvertOptions, up: Vec
     return standpoints(splats, bounds_of(foreground), asked.stand, eyes, asked.seed, up)
 
 
-def _is_place(splats: Splats) -> bool:
+def is_place(splats: Splats) -> bool:
     """Whether a capture looked from within, whatever is up."""
     foreground = splats.take(np.flatnonzero(~far_background(splats)))
     return len(foreground) > 0 and bool(standpoints(foreground, bounds_of(foreground)).eyes)
@@ -309,11 +309,11 @@ def plan(path: str | os.PathLike[str], options: ConvertOptions | None = None, **
     splats, counts = clean(read_splats(path, asked.lod))
     check_extent(splats)
     trained = located_views(asked.cameras, path, asked.lod, splats)
-    rotation, up_from = upright(asked.up, trained, splats, lambda: _is_place(splats))
+    rotation, up_from = upright(asked.up, trained, splats, lambda: is_place(splats))
     effort = EFFORTS[asked.detail]
     total, far = len(splats), far_background(splats)
     foreground = splats.take(np.flatnonzero(~far))
-    standing = _standing(foreground, splats, asked, rotation[1, :3])
+    standing = standing_of(foreground, splats, asked, rotation[1, :3])
     far |= _panes(standing, foreground, splats, far)
     splats = foreground
     if trained:

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +30,8 @@ class FileFacts:
         What says so.
     frame : str
         The axes that the file states, where its format leaves them open.
+    metres : float or None
+        Of one unit.
     offset : (x, y, z)
         Float64 numbers, added to the means: the coordinates in the file, where these are too large for float32.
     """
@@ -37,6 +40,7 @@ class FileFacts:
     up: Vector3 | None = None
     up_from: str = ""
     frame: str = ""
+    metres: float | None = None
     offset: Vector3 = HERE
 
     def turned(self, linear: NDArray[np.float64]) -> "FileFacts":
@@ -55,7 +59,9 @@ class FileFacts:
         if up is not None:
             turned = linear @ np.asarray(up)
             up = _vector(turned / max(float(np.linalg.norm(turned)), 1e-300))
-        return replace(self, up=up, offset=_vector(linear @ np.asarray(self.offset)))
+        scale = float(np.cbrt(np.abs(np.linalg.det(linear))))
+        metres = None if self.metres is None else self.metres / max(scale, 1e-300)
+        return replace(self, up=up, metres=metres, offset=_vector(linear @ np.asarray(self.offset)))
 
 
 NO_FACTS = FileFacts()
@@ -125,7 +131,7 @@ def common(facts: Sequence[FileFacts]) -> FileFacts:
         At the offset of the first that has one.
     """
     first = facts[0]
-    one = {name: getattr(first, name) for name in ("antialiased", "frame")}
+    one: dict[str, Any] = {name: getattr(first, name) for name in ("antialiased", "frame", "metres")}
     one = {name: value for name, value in one.items() if all(getattr(each, name) == value for each in facts)}
     if first.up is not None and all(each.up == first.up for each in facts):
         one |= {"up": first.up, "up_from": first.up_from}

@@ -256,7 +256,7 @@ def lies(kind, files, entry):
             {"attributes": [[]]},
         ):
             yield Attack(f"{change}", files | {entry: json.dumps(meta | change).encode()}, entry)
-    elif kind in ("mesh.glb", "animation", "splat.glb", "splat.spz.glb"):
+    elif kind in ("mesh.glb", "animation", "splat.glb"):
         data = files[entry]
         yield Attack("4 GB of JSON", {entry: data[:12] + struct.pack("<I", 0xFFFFFFF0) + data[16:]}, entry)
         for change in _gltf_lies():

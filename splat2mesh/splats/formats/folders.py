@@ -43,6 +43,14 @@ _RESULT = re.compile(r"(^|[^a-z])(relit|relight|clean|albedo|catcher|cleaned|com
 _ITERATION = re.compile(r"^iteration_(\d+)$")
 
 
+class FramesError(InputError):
+    """A folder that holds the frames of a sequence, in their order."""
+
+    def __init__(self, message: str, frames: tuple[Path, ...]) -> None:
+        super().__init__(message)
+        self.frames = frames
+
+
 @dataclass(frozen=True, eq=False)
 class _Sketch:
     """A file, its number of splats, and the places of some of them: (M, 3) float64."""
@@ -157,9 +165,10 @@ def _one_of(folder: Path, group: list[_Sketch]) -> tuple[_Sketch, str]:
             note = f"{folder} holds {len(distinct)} checkpoints of one training: took the newest, {name}"
             return newest, f"{note}; give the path of another to read that"
         ends = f"{distinct[0].path.name} to {distinct[-1].path.name}"
-        raise InputError(
+        raise FramesError(
             f"{folder} holds {len(distinct)} frames of a sequence, {ends}: sequences are not yet read (the option "
-            f"--sequence will); give one file, such as {distinct[0].path}"
+            f"--sequence will); give one file, such as {distinct[0].path}",
+            tuple(each.path for each in distinct),
         )
     first, second = distinct[:2]
     raise InputError(

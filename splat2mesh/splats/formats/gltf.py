@@ -85,7 +85,8 @@ def read(path: str | os.PathLike[str]) -> Splats:
             else f"{path} holds no Gaussian splats: expected a primitive with {SPLATS}"
         )
     warn_skipped(data.path, left, "meshes: only splats are read")
-    facts = FileFacts(parts[0].facts.antialiased, (0.0, -1.0, 0.0), "glTF, whose y axis points up")
+    antialiased = parts[0].facts.antialiased
+    facts = FileFacts(antialiased, (0.0, -1.0, 0.0), "glTF, whose y axis points up", metres=1.0)
     return replace(joined(parts), facts=facts)
 
 

@@ -73,7 +73,8 @@ def read(path: str | os.PathLike[str]) -> Splats:
     if not parts:
         raise InputError(f"{path} holds no Gaussian splats: expected a visible prim of the type {_TYPE}")
     axis = str(UsdGeom.GetStageUpAxis(stage)).upper()
-    facts = FileFacts(up=(0.0, -1.0, 0.0), up_from=f"the upAxis {axis} of the stage")
+    metres = float(UsdGeom.GetStageMetersPerUnit(stage))
+    facts = FileFacts(None, (0.0, -1.0, 0.0), f"the upAxis {axis} of the stage", metres=metres)
     turned = placed(joined(parts), similarity(rotation=_TURNS.get(axis, _TURNS["Y"])))
     return replace(turned, facts=facts)
 
