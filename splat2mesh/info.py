@@ -85,8 +85,13 @@ def _describer(path: Path) -> Callable[[Path, ConvertOptions], dict[str, Any]]:
     if suffix == ".json" and is_layout(path):
         return _layout if _is_layout_of_splats(path) else _cameras
     if suffix in _MESHES and not looks_like_splat(path):
-        return _mesh
+        return _mesh if suffix != ".ply" or _has_faces(path) else _splats
     return _cameras if suffix in (".txt", ".bin") and is_colmap(path.parent) else _splats
+
+
+def _has_faces(path: Path) -> bool:
+    with open(path, "rb") as file:
+        return b"\nelement face" in file.read(_HEADER_BYTES)
 
 
 def _holds_cameras(folder: Path) -> bool:
@@ -238,16 +243,17 @@ def _exr(path: Path, head: bytes) -> dict[str, Any]:
         left, top, right, bottom = np.frombuffer(attributes["displayWindow"], "<i4").tolist()
     except (IndexError, KeyError, ValueError):
         raise InputError(f"{path} is a damaged OpenEXR file: its header does not end") from None
-    channels, rest = [], attributes.get("channels", b"")
+    channels: list[str] = []
+    rest = attributes.get("channels", b"")
     while rest and rest[0] and b"\0" in rest:
         name, _, rest = rest.partition(b"\0")
         channels.append(name.decode("latin-1"))
         rest = rest[16:]
     primaries = np.frombuffer(attributes.get("chromaticities", b"")[:32], "<f4").round(4).tolist()
-    size = {"width": right - left + 1, "height": bottom - top + 1}
+    extent = {"width": right - left + 1, "height": bottom - top + 1}
     return {
         "format": "OpenEXR",
-        **size,
+        **extent,
         "channels": channels,
         "chromaticities": primaries or "Rec. 709, as none are given",
     }

@@ -143,7 +143,8 @@ def splats_of(
                 part = part.take(within_box(part.means[:, [0, 2]], box))
             parts.append(part)
     if not parts:
-        return Splats(*(np.zeros((0, *shape), np.float32) for shape in ((3,), (3,), (4,), (), (1, 3))))
+        means, scales, quats, opacities, sh = (np.zeros((0, *s), np.float32) for s in ((3,), (3,), (4,), (), (1, 3)))
+        return Splats(means, scales, quats, opacities, sh)
     return joined(parts)
 
 

@@ -7,7 +7,6 @@ splats again, as another format or in another light, of which one counts; or fra
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.errors import InputError
-from . import spz
-from .ply import Ply
+from ..splats import Splats
+from .ply import Ply, some_rows
 from .register import BY_KIND, kind_of_file, reader_of
 
 SAME_PLACE = 0.5
@@ -29,8 +28,11 @@ SAME_BOUNDS, SAME_SPLAT = 0.05, 0.002
 MOVED = 0.005
 """Share of the splats that must have moved from one frame to the next."""
 
-SAMPLE = 4096
-"""Splats of a file that are compared."""
+SAMPLE, _RUN = 4096, 256
+"""Splats of a file that are compared, and those that are read at a time."""
+
+_MOST_KNOWN = 8
+_known: dict[Any, tuple[tuple[Path, ...], str]] = {}
 
 _INNER = 1, 99
 """Percentiles of the places along each axis that bound a file: what floats about does not count."""
@@ -103,7 +105,7 @@ def trained_in(folder: Path) -> list[Path]:
     return [found[number] for number in sorted(found)]
 
 
-def meant(folder: Path, files: Sequence[Path]) -> tuple[tuple[Path, ...], str]:
+def meant(folder: Path, files: Sequence[Path], read: dict[Path, Splats] | None = None) -> tuple[tuple[Path, ...], str]:
     """Choose the files that a folder stands for.
 
     Parameters
@@ -112,6 +114,8 @@ def meant(folder: Path, files: Sequence[Path]) -> tuple[tuple[Path, ...], str]:
         For messages.
     files : sequence of Path
         The splat files in it, at least one.
+    read : dict, optional
+        Takes what had to be read as a whole to choose: path to Splats.
 
     Returns
     -------
@@ -127,15 +131,18 @@ def meant(folder: Path, files: Sequence[Path]) -> tuple[tuple[Path, ...], str]:
     """
     if len(files) < 2:
         return tuple(files), ""
-    # Asked several times of the same folder in one run.
     states = [each.stat() for each in files]
-    return _meant(folder, tuple(files), tuple((each.st_size, each.st_mtime_ns) for each in states))
+    key = folder, tuple((path, state.st_size, state.st_mtime_ns) for path, state in zip(files, states, strict=True))
+    if key not in _known:  # asked several times of the same folder in one run
+        if len(_known) >= _MOST_KNOWN:
+            _known.clear()
+        _known[key] = _meant(folder, files, {} if read is None else read)
+    return _known[key]
 
 
-@lru_cache(maxsize=8)
-def _meant(folder: Path, files: tuple[Path, ...], states: tuple[Any, ...]) -> tuple[tuple[Path, ...], str]:
+def _meant(folder: Path, files: Sequence[Path], read: dict[Path, Splats]) -> tuple[tuple[Path, ...], str]:
     kept, notes = [], []
-    for group in _groups([_sketch(path) for path in files]):
+    for group in _groups([_sketch(path, read) for path in files]):
         one, note = _one_of(folder, group)
         kept.append(one.path)
         notes += [note] * bool(note)
@@ -211,22 +218,25 @@ def _groups(sketches: list[_Sketch]) -> list[list[_Sketch]]:
     return [[each for each, mark in zip(sketches, group, strict=True) if mark == of] for of in np.unique(group)]
 
 
-def _sketch(path: Path) -> _Sketch:
+def _sketch(path: Path, read: dict[Path, Splats]) -> _Sketch:
     kind = kind_of_file(path)
-    count, places = _places(path, kind)
+    count, places = _places(path, kind, read)
     places = places.astype(np.float64)
     finite = places[np.isfinite(places).all(axis=1)]
     bounds = np.percentile(finite, _INNER, axis=0) if len(finite) else np.zeros((2, 3))
     return _Sketch(path, kind, count, places, bounds)
 
 
-def _places(path: Path, kind: str) -> tuple[int, NDArray[Any]]:
-    """How many splats a file holds, and the places of some, (M, 3), in as little time as its kind allows."""
+def _places(path: Path, kind: str, read: dict[Path, Splats]) -> tuple[int, NDArray[Any]]:
+    """How many splats a file holds, and the places of some, (M, 3): a PLY is not read as a whole."""
     if kind == "ply":
         ply = Ply.open(path)
         if "vertex" in ply.elements and {"x", "y", "z"} <= ply.elements["vertex"].properties.keys():
             rows = ply.rows("vertex")
-            some = np.array(rows[:: 1 + len(rows) // SAMPLE])
-            return len(rows), np.stack([some[name] for name in "xyz"], axis=1)
-    means = spz.places(path) if kind == "spz" else reader_of(kind)(path).means
-    return len(means), means[:: 1 + len(means) // SAMPLE]
+            # Runs of rows, since a page of the disk holds many.
+            starts = np.unique(np.linspace(0, max(len(rows) - _RUN, 0), SAMPLE // _RUN).astype(np.int64))
+            runs = some_rows(rows, starts.tolist(), _RUN)
+            return len(rows), np.concatenate([np.stack([run[name] for name in "xyz"], axis=1) for run in runs])
+    splats = read[path] = reader_of(kind)(path)
+    whole = splats.means.astype(np.float64) + splats.facts.offset
+    return len(splats), whole[:: 1 + len(splats) // SAMPLE]

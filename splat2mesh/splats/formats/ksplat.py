@@ -152,7 +152,7 @@ def _section(
     sh[:, 0] = sh_from_color(rgba[:, :3])
     values = rows["sh"].astype(np.float32)
     if level == 2:
-        values = bounds[0] + values / 255 * (bounds[1] - bounds[0])
+        values = np.float32(bounds[0]) + values * np.float32((bounds[1] - bounds[0]) / 255)
     column = 0
     for degree in range(1, section.degree + 1):  # degree by degree, each channel after channel
         wide = 2 * degree + 1

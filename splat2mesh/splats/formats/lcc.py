@@ -37,7 +37,7 @@ _SPLAT = np.dtype(
     ]
 )
 _REST = np.dtype([("sh", "<u4", 15), ("spare", "<u4")])
-_FAR_SPLAT = np.dtype([*((name, _SPLAT.fields[name][0]) for name in _SPLAT.names or ()), *_REST.descr])
+_FAR_SPLAT = np.dtype([*_SPLAT.descr, *_REST.descr])
 _TURN = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 """From z up to y down."""
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from ...base.choices import check_lod
 from ...base.errors import InputError
+from ..splats import Splats
 from . import lcc, sog, streamed
 from .folders import meant, trained_in
 
@@ -57,7 +58,7 @@ class Parts:
         return (*described, *self.tiles, *self.beside, *surroundings)
 
 
-def parts_of(path: str | os.PathLike[str], lod: int | str = "auto") -> Parts:
+def parts_of(path: str | os.PathLike[str], lod: int | str = "auto", read: dict[Path, Splats] | None = None) -> Parts:
     """Find the files that a splat path stands for.
 
     Parameters
@@ -68,6 +69,8 @@ def parts_of(path: str | os.PathLike[str], lod: int | str = "auto") -> Parts:
         files in the same place one counts, see `folders`.
     lod : int or "auto"
         Level of a streamed SOG or an LCC scene.
+    read : dict, optional
+        Takes files that had to be read to tell what a folder means: path to Splats.
 
     Returns
     -------
@@ -96,7 +99,7 @@ def parts_of(path: str | os.PathLike[str], lod: int | str = "auto") -> Parts:
         raise InputError(f"`lod` {lod}: {path} has no levels of detail, which a streamed SOG or an LCC scene has")
     if not path.is_dir() or (path / sog.META).is_file():
         return Parts((path,), (None,))
-    tiles, note = meant(path, trained_in(path) or _tiles_in(path))
+    tiles, note = meant(path, trained_in(path) or _tiles_in(path), read)
     return Parts(tiles, (None,) * len(tiles), note=note)
 
 

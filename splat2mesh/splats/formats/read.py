@@ -50,21 +50,27 @@ def read_splats(path: str | os.PathLike[str], lod: int | str = "auto") -> Splats
     with reading(path):
         # Values beyond float32 become infinite or NaN here, and `clean` drops and counts them.
         with quiet_numbers():
-            found, splats = parts_of(path, lod), []
+            known: dict[Path, Splats] = {}
+            found, splats = parts_of(path, lod, known), []
             if lod == "auto" and found.level:
                 _say_coarser(path, found.level, found.level_counts)
             if found.note:
                 warnings.warn(found.note, DataWarning, stacklevel=2)
             for tile, count in zip(found.tiles, found.counts, strict=True):
-                kind = kind_of_file(tile)
-                levels = kind == "lcc" and found.level is not None
-                splats.append(lcc.read(tile, found.level) if levels else reader_of(kind)(tile))
+                splats.append(known.pop(tile) if tile in known else _read(tile, found.level))
                 if count is not None and found.described_by is not None:
                     streamed.check_count(tile, len(splats[-1]), count, found.described_by)
             if found.environment is not None:
                 far = reader_of(kind_of_file(found.environment))(found.environment)
                 splats.append(replace(far, environment=np.ones(len(far), bool)))
             return joined(splats)
+
+
+def _read(tile: Path, level: int | None) -> Splats:
+    kind = kind_of_file(tile)
+    if kind == "lcc" and level is not None:
+        return lcc.read(tile, level)
+    return reader_of(kind)(tile)
 
 
 def _say_coarser(path: Path, level: int, counts: tuple[int, ...]) -> None:

@@ -249,7 +249,7 @@ def looks_like_splat(path: Path) -> bool:
     with open(path, "rb") as file:
         head = file.read(_HEADER_BYTES)
     if head.startswith(b"ply"):
-        header = head[: head.find(b"end_header")]
+        header = head[: head.find(b"\nend_header")]
         return b"packed_position" in header or (b"scale_0" in header and b"rot_0" in header)
     if head.startswith(gltf.MAGIC) or suffix in gltf.SUFFIXES:
         return any(name.encode() in head for name in (SPLATS, SPZ_DRAFT))

@@ -12,7 +12,6 @@ import struct
 import sys
 import warnings
 import zlib
-from dataclasses import replace
 from pathlib import Path
 from typing import TypeAlias
 
@@ -97,46 +96,10 @@ def read_bytes(path: AnyPath, data: bytes) -> Splats:
     axes = _axes(path, records)
     if header.degree > _READ_DEGREE:
         warn_beyond(path, header.count, header.degree)
-    splats = _decode(header, sections)
     facts = FileFacts(True if header.flags & ANTIALIASED else None, frame=_frame(axes))
+    splats = _decode(header, sections, facts)
     turn = np.transpose([_DIRECTIONS[letter] for letter in axes or "RUB"]) * np.array([1, -1, -1])
-    return reframed(replace(splats, facts=facts), turn)
-
-
-def places(path: AnyPath) -> NDArray[np.float32]:
-    """Read the positions alone, as they are stored.
-
-    Parameters
-    ----------
-    path : path
-
-    Returns
-    -------
-    ndarray of float32, (N, 3)
-        In the axes of the file.
-
-    Raises
-    ------
-    InputError
-        When it is no SPZ, damaged or cut short.
-    """
-    file_size(path, "splat file")
-    data = Path(path).read_bytes()
-    try:
-        if data.startswith(MAGIC):
-            header, table, sizes = _table_v4(path, data)
-            start, size = table + len(sizes) * _V4_STREAM.size, 9 * header.count
-            packed = _unpacked(data[start : start + sizes[0][0]], size)
-        else:
-            inflate = zlib.decompressobj(wbits=GZIP)
-            header = _Header(path, inflate.decompress(data, HEADER.size), (2, 3))
-            check_count(path, header.count, len(data))
-            packed = inflate.decompress(inflate.unconsumed_tail, 9 * header.count)
-    except (zlib.error, struct.error, ValueError) as error:
-        raise InputError(f"{path}: the SPZ stream is damaged ({error}): copy or export it again") from error
-    _check_size(path, "positions", len(packed), 9 * header.count)
-    fixed = _int24(np.frombuffer(packed, np.uint8).reshape(-1, 9))
-    return fixed / np.float32(1 << header.fraction_bits)
+    return reframed(splats, turn)
 
 
 class _Header:
@@ -267,7 +230,7 @@ def _check_size(path: AnyPath, what: str, found: int, expected: int) -> None:
         raise InputError(f"{path} is damaged: its SPZ {what} should take {expected} bytes, found {found}")
 
 
-def _decode(header: _Header, sections: list[bytes]) -> Splats:
+def _decode(header: _Header, sections: list[bytes], facts: FileFacts) -> Splats:
     n = header.count
     positions, alphas, colors, scales, rotations, rest = (
         np.frombuffer(section, np.uint8).reshape(n, width)
@@ -280,7 +243,8 @@ def _decode(header: _Header, sections: list[bytes]) -> Splats:
     sh *= FLIPPED[:k, None]
     means = _int24(positions) / np.float32(1 << header.fraction_bits) * np.array([1, -1, -1], np.float32)
     quats_wxyz = _quats_xyzw(rotations)[:, [3, 0, 1, 2]] * np.array([1, 1, -1, -1], np.float32)
-    return Splats(means, np.exp(scales / np.float32(16) - 10), quats_wxyz, alphas[:, 0] / np.float32(255), sh)
+    opacities = alphas[:, 0] / np.float32(255)
+    return Splats(means, np.exp(scales / np.float32(16) - 10), quats_wxyz, opacities, sh, facts=facts)
 
 
 def _int24(data: NDArray[np.uint8]) -> NDArray[np.int32]:
