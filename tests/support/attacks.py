@@ -14,6 +14,7 @@ import struct
 import zipfile
 import zlib
 from dataclasses import dataclass, fields, is_dataclass
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -79,12 +80,11 @@ def _cache(path):
     return cache.restored(lambda arrays: arrays["transfer"], "transfer", "raytraced", 3, 8, 0) is not None
 
 
+_USD = ("usdc", "usda") if find_spec("pxr") else ()
+
 READERS = {
     **{f"splat.{kind}": _splats for kind in ("ply", "ascii.ply", "compressed.ply", "splat", "spz", "sog")},
-    **{
-        f"splat.{kind}": _splats
-        for kind in ("utm.ply", "records.spz", "ksplat", "glb", "spz.glb", "usdc", "usda", "lcc")
-    },
+    **{f"splat.{kind}": _splats for kind in ("utm.ply", "records.spz", "ksplat", "glb", "spz.glb", "lcc", *_USD)},
     "splat.folder": _splats,
     "splat.streamed": _splats,
     "splat.checkpoints": _splats,
