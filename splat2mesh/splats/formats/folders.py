@@ -37,7 +37,7 @@ _known: dict[Any, tuple[tuple[Path, ...], str]] = {}
 _INNER = 1, 99
 """Percentiles of the places along each axis that bound a file: what floats about does not count."""
 
-_NUMBERED = re.compile(r"^(.*?)(\d+)(\D*)$")
+_NUMBERS = re.compile(r"\d+")
 _TRAINING = re.compile(r"(^|[^a-z])(iter(ation)?s?|steps?|ckpt|checkpoint|epoch)([^a-z]|$)", re.IGNORECASE)
 _STEPS = 100
 """Trainers save after a multiple of this many steps, or count from 0 and name the last one."""
@@ -76,10 +76,13 @@ class _Sketch:
         return name
 
     @property
-    def number(self) -> tuple[str, int, str] | None:
-        """The stem around its last number, and that number."""
-        found = _NUMBERED.match(self.stem)
-        return (found[1], int(found[2]), found[3]) if found else None
+    def words(self) -> tuple[str, ...]:
+        """The stem between its numbers."""
+        return tuple(_NUMBERS.split(self.stem.lower()))
+
+    @property
+    def numbers(self) -> tuple[int, ...]:
+        return tuple(map(int, _NUMBERS.findall(self.stem)))
 
 
 def trained_in(folder: Path) -> list[Path]:
@@ -160,12 +163,10 @@ def _one_of(folder: Path, group: list[_Sketch]) -> tuple[_Sketch, str]:
         names = ", ".join(sorted(each.path.name for each in group if each is not distinct[0])[:4])
         note = f"{folder}: {names} holds the splats of {distinct[0].path.name} once more: read that one alone"
         return distinct[0], note if len(group) > 1 else ""
-    numbers = [each.number for each in distinct]
-    named = {None if number is None else (number[0], number[2]) for number in numbers}
-    if len(named) == 1 and None not in named:
-        distinct.sort(key=lambda each: each.number or ("", 0, ""))
-        values = [number[1] for number in numbers if number is not None]
-        steps = all(value % _STEPS in (0, _STEPS - 1) for value in values)
+    column = _counted(distinct)
+    if column is not None:
+        distinct.sort(key=lambda each: each.numbers[column])
+        steps = all(each.numbers[column] % _STEPS in (0, _STEPS - 1) for each in distinct)
         if steps or _TRAINING.search(distinct[0].stem):
             newest = distinct[-1]
             name = newest.path.relative_to(folder)
@@ -184,6 +185,14 @@ def _one_of(folder: Path, group: list[_Sketch]) -> tuple[_Sketch, str]:
     )
 
 
+def _counted(group: list[_Sketch]) -> int | None:
+    """Which number in the names of files counts them, where nothing else differs; None where none does."""
+    if len({each.words for each in group}) > 1:
+        return None
+    columns = [len(set(values)) for values in zip(*(each.numbers for each in group), strict=True)]
+    return columns.index(len(group)) if sorted(columns, reverse=True)[:2] in ([len(group)], [len(group), 1]) else None
+
+
 def _preference(sketch: _Sketch) -> tuple[Any, ...]:
     name = sketch.path.name
     return bool(_RESULT.search(sketch.stem)), BY_KIND[sketch.kind].exactness, -sketch.count, len(name), name
@@ -195,8 +204,9 @@ def _same(one: _Sketch, other: _Sketch) -> bool:
     if np.abs(one.bounds - other.bounds).max() > SAME_BOUNDS * diagonal:
         return False
     if one.count != other.count:
-        return one.stem.lower() == other.stem.lower()
-    if one.number is None or other.number is None or one.number == other.number:
+        pruned = _RESULT.search(one.stem) or _RESULT.search(other.stem)
+        return bool(pruned) or one.stem.lower() == other.stem.lower()
+    if one.words != other.words or one.numbers == other.numbers:
         return True
     apart = np.linalg.norm(one.places - other.places, axis=1)
     return bool(np.count_nonzero(~(apart <= SAME_SPLAT * diagonal)) <= MOVED * len(apart))

@@ -42,6 +42,8 @@ def stored(folder, named):
         ("ckpt_17.ply", "ckpt_120.ply"),
         ("iteration_7000.compressed.ply", "iteration_30000.compressed.ply"),
         ("step-000500.spz", "step-002500.spz"),
+        ("ckpt_6999_rank0.ply", "ckpt_29999_rank0.ply"),
+        ("garden2_7000.ply", "garden2_30000.ply"),
     ],
 )
 def test_of_checkpoints_the_newest_is_taken(tmp_path, old, new):
@@ -91,8 +93,9 @@ def test_the_same_splats_again_count_once(tmp_path, kept, others):
         assert_same(found, read_splats(folder / kept))
 
 
-def test_a_pruned_copy_under_the_same_name_counts_once(tmp_path):
-    folder = stored(tmp_path / "out", {"garden.ply": ball(500), "garden.spz": ball(500).take(slice(0, 480))})
+@pytest.mark.parametrize("name", ["garden.spz", "clean_splat.ply"])
+def test_a_pruned_copy_counts_once(tmp_path, name):
+    folder = stored(tmp_path / "out", {"garden.ply": ball(500), name: ball(500).take(slice(0, 480))})
     with pytest.warns(DataWarning, match="once more"):
         assert len(read_splats(folder)) == 500
 
