@@ -160,8 +160,9 @@ def _one_of(folder: Path, group: list[_Sketch]) -> tuple[_Sketch, str]:
         if not any(_same(each, other) for other in distinct):
             distinct.append(each)
     if len(distinct) == 1:
-        names = ", ".join(sorted(each.path.name for each in group if each is not distinct[0])[:4])
-        note = f"{folder}: {names} holds the splats of {distinct[0].path.name} once more: read that one alone"
+        others = sorted(each.path.name for each in group if each is not distinct[0])
+        hold = f"{', '.join(others[:4])} {'holds' if len(others) == 1 else 'hold'}"
+        note = f"{folder}: {hold} the splats of {distinct[0].path.name} once more: read that one alone"
         return distinct[0], note if len(group) > 1 else ""
     column = _counted(distinct)
     if column is not None:
