@@ -15,7 +15,7 @@ from .pipeline import plan as plan_splat
 from .scene.folder import META
 from .scene.scene import Scene
 
-_SOG_METAS = ("meta.json", "lod-meta.json")
+_SOG_METAS = ("meta.json", "lod-meta.json", "meta.lcc")
 
 
 @dataclass(frozen=True, eq=False)

@@ -34,6 +34,7 @@ EXAMPLES = """examples:
   splat2mesh garden.ply --cameras sparse/0     uses the cameras of the training
   splat2mesh plaza/lod-meta.json --lod 1       the second finest level of a streamed SOG
   splat2mesh robot/meta.json --plan            shows the plan, does nothing
+  splat2mesh garden.spz --info                 what the file is and says, and what would be dropped
   splat2mesh room.json                         several splats in one scene, placed by a layout
   splat2mesh city/ -o meshed --memory 4        a capture larger than memory, in tiles; --workers 8 shares the work
 
@@ -70,8 +71,8 @@ def parser() -> argparse.ArgumentParser:
     add(
         "input",
         metavar="INPUT",
-        help="splat: .ply (INRIA, 2DGS), .compressed.ply, .splat, .spz, .sog or its meta.json, the lod-meta.json of a "
-        "streamed SOG, a folder of tiles; or a layout .json",
+        help="splat: .ply (INRIA, 2DGS), .compressed.ply, .splat, .ksplat, .spz, .sog or its meta.json, .glb, .usd, "
+        ".lcc, the lod-meta.json of a streamed SOG, a folder of tiles; or a layout .json",
     )
     add(
         "-o",
@@ -84,6 +85,7 @@ def parser() -> argparse.ArgumentParser:
     add_tiling(parser)
     add("--overwrite", action="store_true", help="replace an existing scene folder")
     add("--plan", action="store_true", help="print what the command would do, and do nothing")
+    add("--info", action="store_true", help="print what a file is: splats, cameras, a light or a mesh; and do nothing")
     add_display(add)
     add("--version", action="version", version=f"%(prog)s {VERSION}")
     add_manuals(parser)
@@ -199,6 +201,11 @@ def _command(words: argparse.Namespace, display: Display, alone: bool) -> tuple[
     if not os.path.exists(words.input) and "://" not in words.input:
         raise InputError(f"{words.input}: no such file")
     options, tiling = convert_options(words), tiling_options(words)
+    if hasattr(words, "info"):
+        from .info import info_of, lines_of
+
+        found = info_of(words.input, options)
+        return lines_of(found), found
     with compiled_ahead(*([KERNELS] if alone and not hasattr(words, "plan") else [])):
         return _meshed(words, display, options, tiling)
 

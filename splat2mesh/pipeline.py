@@ -33,8 +33,9 @@ from .surface.measure import measured_of
 from .surface.place import PLACE, parted, reconstruct_place
 from .surface.solid import reconstruct_object
 from .texture.projection import Look
-from .views.cameras import spread_out, trained_views
+from .views.cameras import spread_out
 from .views.eyes import around
+from .views.located import located_views
 from .views.panes import sky_in_panes
 from .views.picture import place_view
 from .views.standpoints import ROOM_SHARE, Standpoints, standpoints
@@ -90,14 +91,14 @@ def convert(
         splats, counts = clean(loaded)
         check_extent(splats)
         rows = np.flatnonzero(usable(loaded)[0])
-        trained = trained_views(asked.cameras, path, splats)
-        rotation, up_from = upright(asked.up, trained, splats, lambda: _is_place(splats))
+        trained = located_views(asked.cameras, path, asked.lod, splats)
+        rotation, up_from = upright(asked.up, trained, splats, lambda: is_place(splats))
     order = splats.spatial_order()
     splats, rows = splats.take(order), rows[order]
     center, radius, far = foreground_ball(splats)
     foreground, effort = splats.take(np.flatnonzero(~far)), EFFORTS[asked.detail]
     with stages.stage("standpoints"):
-        standing = _standing(foreground, splats, asked, rotation[1, :3])
+        standing = standing_of(foreground, splats, asked, rotation[1, :3])
         panes = _panes(standing, foreground, splats, far)
     ahead.expect(ahead.PLACE if standing.eyes else ahead.OBJECT)
     far, solid = far | panes, splats.take(np.flatnonzero(~panes)) if panes.any() else splats
@@ -171,7 +172,7 @@ def convert(
             preview_camera=camera,
             picture=picture,
             capture=_capture(standing, rotation),
-            source=describe(path, asked.lod),
+            source=describe(path, asked.lod) | ({"offset": splats.facts.offset} if any(splats.facts.offset) else {}),
             settings=settings,
             statistics=statistics,
         )
@@ -216,14 +217,15 @@ def add_texture(scene: Scene, looks: list[Look], size: int | str, stages: Stages
     scene.statistics = scene.statistics | statistics
 
 
-def _standing(foreground: Splats, splats: Splats, asked: ConvertOptions, up: Vector) -> Standpoints:
+def standing_of(foreground: Splats, splats: Splats, asked: ConvertOptions, up: Vector) -> Standpoints:
     """The Standpoints of a capture; the sugar way knows objects only."""
     if asked.surface != "field":
         return standpoints(splats, bounds_of(foreground), "outside")
-    return standpoints(splats, bounds_of(foreground), asked.stand, asked.eyes, asked.seed, up)
+    eyes = [tuple(np.subtract(eye, splats.facts.offset).tolist()) for eye in asked.eyes]
+    return standpoints(splats, bounds_of(foreground), asked.stand, eyes, asked.seed, up)
 
 
-def _is_place(splats: Splats) -> bool:
+def is_place(splats: Splats) -> bool:
     """Whether a capture looked from within, whatever is up."""
     foreground = splats.take(np.flatnonzero(~far_background(splats)))
     return len(foreground) > 0 and bool(standpoints(foreground, bounds_of(foreground)).eyes)
@@ -306,12 +308,12 @@ def plan(path: str | os.PathLike[str], options: ConvertOptions | None = None, **
     asked = ConvertOptions.of(options, **changes)
     splats, counts = clean(read_splats(path, asked.lod))
     check_extent(splats)
-    trained = trained_views(asked.cameras, path, splats)
-    rotation, up_from = upright(asked.up, trained, splats, lambda: _is_place(splats))
+    trained = located_views(asked.cameras, path, asked.lod, splats)
+    rotation, up_from = upright(asked.up, trained, splats, lambda: is_place(splats))
     effort = EFFORTS[asked.detail]
     total, far = len(splats), far_background(splats)
     foreground = splats.take(np.flatnonzero(~far))
-    standing = _standing(foreground, splats, asked, rotation[1, :3])
+    standing = standing_of(foreground, splats, asked, rotation[1, :3])
     far |= _panes(standing, foreground, splats, far)
     splats = foreground
     if trained:

@@ -22,9 +22,9 @@ from ..transfer.transport import Transport
 from . import samples
 from .direct import direct_light
 from .division import LIGHTEST, Prior, albedo_of, checked, prior_of, weighted_quantile
-from .evidence import Evidence, Places
+from .evidence import Evidence, LitPlaces
 from .fitted import FITTED
-from .posterior import Light
+from .posterior import PosteriorLight
 from .said import Said
 from .seen import SeenPoints
 from .skylight import LEAST_OPEN, seen_sky
@@ -57,7 +57,7 @@ class Estimate(NamedTuple):
     direction times luminance over the sphere, and its length concentration in [0, 1]: 0 uniform, 1 a single point.
     color: (3,) mean radiance of the light over its luminance. brightness: mean luminance of the light. under_sky:
     whether a captured sky was used. spread: root mean square, over places, of the uncertainty of their log light.
-    lights: the posterior's Lights, the likeliest first; none of a known light.
+    lights: the posterior's PosteriorLights, the likeliest first; none of a known light.
     """
 
     albedo: NDArray[np.float32]
@@ -73,7 +73,7 @@ class Estimate(NamedTuple):
     brightness: float
     under_sky: bool = False
     spread: float = 0.0
-    lights: tuple[Light, ...] = ()
+    lights: tuple[PosteriorLight, ...] = ()
 
 
 class CaptureEvidence(NamedTuple):
@@ -152,7 +152,7 @@ class CapturedScene:
         found, rows = self.places, self.places.vertices
         captured, bounced = self.captured[rows].astype(np.float64), self.bounce[rows].astype(np.float64)
         normals = self.occluder.normals[rows]
-        places = Places(found.sky, found.directions, captured, bounced, normals, found.pairs, found.weights)
+        places = LitPlaces(found.sky, found.directions, captured, bounced, normals, found.pairs, found.weights)
         return Evidence(places, None if self.sky is None else seen_sky(self.sky, found.directions), FITTED)
 
     def direct(self, environment: Environment) -> NDArray[np.float32]:

@@ -17,8 +17,8 @@ from splat2mesh.scene.color import luminance
 
 from .division import weighted_median
 from .fitted import Fitted
-from .materials import materials_of
 from .natural import AXES
+from .paints import paints_of
 
 PARALLEL = 0.97
 """Cosine between normals, 14 degrees, from which on neighbours differ in shadow and not in slope."""
@@ -51,7 +51,7 @@ class SeenSky(NamedTuple):
     clipped: NDArray[np.float64]
 
 
-class Places(NamedTuple):
+class LitPlaces(NamedTuple):
     """N places on the surface. sky: (N, K) float32 cosine-weighted visibility of directions (K, 3). captured: (N, 3)
     linear. bounced: (N, 3) light from other surfaces. normals: (N, 3). pairs: (P, 2) of neighbours. weights: (P,)."""
 
@@ -72,7 +72,7 @@ class Cue(NamedTuple):
     hessian: NDArray[np.float64] | float = 0.0
 
 
-class Received(NamedTuple):
+class ReceivedLight(NamedTuple):
     """Light at places. total: (N, 3). slopes: of its logarithm in the parameters, 3 arrays (N, M), or None."""
 
     total: NDArray[np.float64]
@@ -88,11 +88,11 @@ class Received(NamedTuple):
 class Evidence:
     """The cues of a capture."""
 
-    def __init__(self, places: Places, sky: SeenSky | None, fitted: Fitted) -> None:
+    def __init__(self, places: LitPlaces, sky: SeenSky | None, fitted: Fitted) -> None:
         self.places, self.sky, self.fitted = places, sky, fitted
         self.log_captured = np.log(places.captured)
         self.log_luminance = np.log(luminance(places.captured))
-        self.materials = materials_of(self.log_captured, places.normals)
+        self.paints = paints_of(self.log_captured, places.normals)
         first, second = places.pairs.T
         cosine = np.einsum("ij,ij->i", places.normals[first], places.normals[second])
         level, slanted = cosine > PARALLEL, (cosine <= PARALLEL) & (cosine > 0.0)
@@ -101,19 +101,19 @@ class Evidence:
             "slanted pairs": _Pairs(places, slanted, fitted.slanted, fitted.slanted_slope),
         }
 
-    def received(self, log_light: NDArray[np.float64], basis: Floats | None = None) -> Received:
-        """The Received of log radiance (K, 3); slopes in the parameters of a basis (K, M) of it, where one is given."""
+    def received(self, log_light: NDArray[np.float64], basis: Floats | None = None) -> ReceivedLight:
+        """The ReceivedLight of log radiance (K, 3); slopes in the parameters of a basis (K, M) of it, where one is given."""
         radiance = np.exp(np.clip(log_light, -30.0, 30.0)).astype(np.float32)
         bounced, sky = self.places.bounced, self.places.sky
         if basis is None:
-            return Received(np.maximum(sky @ radiance + bounced, LEAST), None)
+            return ReceivedLight(np.maximum(sky @ radiance + bounced, LEAST), None)
         total, slopes = np.empty(bounced.shape), []
         for color in range(3):
             light = radiance[:, color, None]
             direct = sky @ np.concatenate([light, light * basis.astype(np.float32)], axis=1)
             total[:, color] = np.maximum(direct[:, 0] + bounced[:, color], LEAST)
             slopes.append(direct[:, 1:] / total[:, color, None])
-        return Received(total, slopes)
+        return ReceivedLight(total, slopes)
 
     def cues(self, log_light: NDArray[np.float64], basis: Floats | None = None) -> dict[str, Cue]:
         """Every Cue of log radiance (K, 3), with derivatives where a basis (K, M) of it is given."""
@@ -129,7 +129,7 @@ class Evidence:
         """(L,) nats of pairs and contrast under lights (N, L), luminance that places receive."""
         logs = np.log(np.maximum(light, LEAST))
         nats = sum(pairs.shading(self.log_luminance, logs, self.fitted) for pairs in self._pairs.values())
-        explained = self.materials.explained(logs)
+        explained = self.paints.explained(logs)
         return np.asarray(nats + 0.5 * self.fitted.contrast * np.log1p(-np.minimum(explained, 0.999)))
 
     def brightness(self, log_light: NDArray[np.float64]) -> float:
@@ -143,9 +143,9 @@ class Evidence:
         lacking = weighted_median((self.sky.log_radiance - log_light).ravel(), self.sky.seen.ravel())
         return float(self.fitted.sky_level * lacking)
 
-    def _contrast(self, received: Received) -> Cue:
+    def _contrast(self, received: ReceivedLight) -> Cue:
         """Log luminance against the light's within materials: the part of the variance that no light explains."""
-        within, weight = self.materials, self.fitted.contrast
+        within, weight = self.paints, self.fitted.contrast
         light = within.off(np.log(luminance(received.total)))
         across, own = float(within.weight @ (within.colors * light)), float(within.weight @ light**2)
         slope = max(across / max(own, 1e-12), 0.0)
@@ -158,7 +158,7 @@ class Evidence:
         curve = (change.T * within.weight) @ change
         return Cue(nats, weight * slope / rest * (pull @ change), weight * slope**2 / rest * curve)
 
-    def _albedo(self, received: Received) -> dict[str, Cue]:
+    def _albedo(self, received: ReceivedLight) -> dict[str, Cue]:
         """How usual the albedo is: its median luminance, and its mean hue."""
         fitted, logs = self.fitted, np.log(received.total)
         level = float(np.median(self.log_luminance - np.log(luminance(received.total)))) - np.log(fitted.albedo)
@@ -176,7 +176,7 @@ class Evidence:
         return {name: _quadratic(np.array(off[name][0]), np.array(off[name][1]), np.array(rows[name])) for name in off}
 
     def _sky(self, sky: SeenSky, log_light: NDArray[np.float64], basis: Floats | None) -> dict[str, Cue]:
-        """The sky that was seen: as bright as it looked where it was not clipped, and as clipped skies are where it was."""
+        """The sky that was seen: as bright as it looked, and where it was clipped as bright as clipped skies are."""
         fitted = self.fitted
         off = (log_light - sky.log_radiance) / fitted.sky_noise
         robust = 1.0 / (1.0 + off**2)
@@ -202,13 +202,13 @@ class Evidence:
 class _Pairs:
     """Neighbours that mostly share a material: differences of log albedo under Geman and McClure's function."""
 
-    def __init__(self, places: Places, chosen: NDArray[np.bool_], weight: float, of_slope: float) -> None:
+    def __init__(self, places: LitPlaces, chosen: NDArray[np.bool_], weight: float, of_slope: float) -> None:
         self._first, self._second = places.pairs[chosen].T
         weights = places.weights[chosen]
         self._weights = weights / max(float(weights.sum()), 1e-12)
         self._count, self._weight, self._of_slope = len(places.captured), weight, of_slope
 
-    def cue(self, log_captured: NDArray[np.float64], received: Received, fitted: Fitted) -> Cue:
+    def cue(self, log_captured: NDArray[np.float64], received: ReceivedLight, fitted: Fitted) -> Cue:
         """The Cue of log colours (N, 3)."""
         seen, light = self._differences(log_captured), self._differences(np.log(received.total))
         square, across, own = (np.einsum("pc,pc->p", a, b) for a, b in ((seen, seen), (seen, light), (light, light)))

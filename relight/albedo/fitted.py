@@ -16,7 +16,7 @@ class Fitted(NamedTuple):
     contrast: independent patches of the contrast within materials.
     sky, sky_noise, sky_level: weight of the whole upper sky, and its noise in log radiance, of a part and of all of it:
     bands, tone curve, tint.
-    clipped, clipped_level, clipped_noise: the same weight of a clipped sky, its usual log radiance, and the noise of that.
+    clipped, clipped_level, clipped_noise: the same weight of a clipped sky, its usual log radiance, and its noise.
     albedo, albedo_spread: median albedo in luminance, and spread of its logarithm.
     warmth, warmth_spread, green, green_spread: mean log red over blue, and green over both, of albedo; spreads.
     color_spread: factor on the variance of the colour of natural lights.

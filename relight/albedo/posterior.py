@@ -61,7 +61,7 @@ class Region(NamedTuple):
         return self.share[nearest][:, None] * self.log_height
 
 
-class Lobe(NamedTuple):
+class SunLobe(NamedTuple):
     """A sun. direction: (3,) unit, scene frame. log_height: (3,) log radiance that it adds at its middle."""
 
     direction: NDArray[np.float64]
@@ -72,13 +72,16 @@ class Lobe(NamedTuple):
         return _lobe(directions, self.direction)[:, None] * self.log_height
 
 
-class Light(NamedTuple):
-    """A light that may have lit the capture. coefficients: (K, 3) harmonics of its log radiance, beside the regions of
-    the sky. sun: Lobe or None. nats: of its cues and prior. share: of the posterior. variances: (N,) of the log luminance that places receive."""
+class PosteriorLight(NamedTuple):
+    """A light that may have lit the capture.
+
+    coefficients: (K, 3) harmonics of its log radiance, beside the regions of the sky and the sun, a SunLobe or None. nats:
+    of its cues and prior. share: of the posterior. variances: (N,) of the log luminance that places receive.
+    """
 
     coefficients: NDArray[np.float64]
     regions: tuple[Region, ...]
-    sun: Lobe | None
+    sun: SunLobe | None
     nats: dict[str, float]
     share: float
     variances: NDArray[np.float64]
@@ -104,7 +107,7 @@ def lights_of(
     prior: NaturalLight,
     sun: Vector | None = None,  # (3,) unit direction where it is known
     sunless: bool = False,  # whether the sky is known to hide it
-) -> list[Light]:
+) -> list[PosteriorLight]:
     """The lights that may have lit a capture, the likeliest first; shares sum to 1."""
     directions, shares = evidence.places.directions, _regions(evidence)
     basis = np.column_stack([harmonics.evaluate(directions, prior.bands), shares])
@@ -112,7 +115,7 @@ def lights_of(
     start[0] += _level(evidence, basis @ start)
     precision = _with_heights(prior.precision, shares.shape[1])
     smooth = _solved(evidence, basis, start, precision, start)
-    found: list[tuple[Lobe | None, _Optimum]] = [(None, smooth)]
+    found: list[tuple[SunLobe | None, _Optimum]] = [(None, smooth)]
     if not sunless:
         wider = _with_heights(precision, 1)
         for direction, share, height in _suns(evidence, np.exp(basis @ smooth.parameters), sun):
@@ -120,7 +123,7 @@ def lights_of(
             begin = np.vstack([smooth.parameters, np.full((1, 3), height)])
             begin[0] += np.log(1.0 - share) * np.sqrt(4.0 * np.pi)
             best = _solved(evidence, lobes, np.vstack([start, np.zeros((1, 3))]), wider, begin)
-            found.append((Lobe(direction, best.parameters[-1]), best))
+            found.append((SunLobe(np.asarray(direction, np.float64), best.parameters[-1]), best))
     if sun is not None and len(found) > 1:
         found = found[1:]
     odds = -np.array([each.evidence + evidence.fitted.sun * (lobe is not None) for lobe, each in found])
@@ -132,12 +135,12 @@ def lights_of(
     return sorted(lights, key=lambda light: -light.share)
 
 
-def mean_radiance(lights: list[Light], directions: Directions) -> NDArray[np.float64]:
+def mean_radiance(lights: list[PosteriorLight], directions: Directions) -> NDArray[np.float64]:
     """(D, 3) radiance of the posterior's mean at directions (D, 3)."""
     return np.asarray(sum(light.share * light.radiance(directions) for light in lights))
 
 
-def spread(evidence: Evidence, lights: list[Light]) -> float:
+def spread(evidence: Evidence, lights: list[PosteriorLight]) -> float:
     """Root mean square, over places, of the uncertainty of their log light, its mean over places aside."""
     directions = evidence.places.directions
     logs = [np.log(luminance(evidence.received(np.log(light.radiance(directions))).total)) for light in lights]
@@ -228,9 +231,8 @@ def _sums(cues: dict[str, Cue]) -> tuple[NDArray[np.float64], NDArray[np.float64
 
 
 def _suns(evidence: Evidence, radiance: NDArray[np.float64], known: Vector | None) -> list[tuple[Vector, float, float]]:
-    """Suns that may stand beside a light (K, 3), the likeliest first: direction, share of the mean direct light, and log
-    height."""
-    places, light = evidence.places, luminance(radiance)
+    """The likeliest suns beside a light (K, 3): direction, share of the mean direct light, log height."""
+    places, light = evidence.places, np.asarray(luminance(radiance), np.float64)
     directions = places.directions
     if known is not None:
         near = np.array([int(np.argmax(directions @ known))])
@@ -283,7 +285,7 @@ def _lobe(directions: Directions, middle: Vector) -> NDArray[np.float64]:
     return np.asarray(np.exp(-0.5 * (angle / SUN_WIDTH_DEG) ** 2))
 
 
-def _described(evidence: Evidence, basis: Floats, lobe: Lobe | None, best: _Optimum, share: float) -> Light:
+def _described(evidence: Evidence, basis: Floats, lobe: SunLobe | None, best: _Optimum, share: float) -> PosteriorLight:
     directions = evidence.places.directions
     if lobe is not None:
         basis = np.column_stack([basis, _lobe(directions, lobe.direction)])
@@ -295,4 +297,6 @@ def _described(evidence: Evidence, basis: Floats, lobe: Lobe | None, best: _Opti
     smooth[0] += evidence.brightness(basis @ best.parameters) * np.sqrt(4.0 * np.pi)
     bands = len(smooth) - shares.shape[1]
     regions = tuple(Region(directions, *each) for each in zip(shares.T, smooth[bands:], strict=True))
-    return Light(smooth[:bands], regions, lobe, {name: cue.nats for name, cue in best.cues.items()}, share, variances)
+    return PosteriorLight(
+        smooth[:bands], regions, lobe, {name: cue.nats for name, cue in best.cues.items()}, share, variances
+    )

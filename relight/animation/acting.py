@@ -55,7 +55,7 @@ def _animation(asked: AskedInsert) -> Animation | None:
     source = asked.source
     if isinstance(source, Mesh) or Path(source).suffix.lower() not in (".glb", ".gltf"):
         return None
-    from splat2mesh.scene.gltf import GltfData
+    from splat2mesh.base.gltf import GltfData
 
     return Animation(str(source)) if GltfData(str(source)).document.animations else None
 

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import ColorsSrgb, Faces, Integers, Points
 from splat2mesh.base.errors import InputError
+from splat2mesh.base.gltf import MODES, TRIANGLES, GltfData, entry, triangles, warn_skipped
+from splat2mesh.base.gltfnodes import global_matrices, hierarchy, initial_transforms, instances
 from splat2mesh.base.inputs import reading
 from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
-from splat2mesh.scene.gltf import MODES, TRIANGLES, GltfData, entry, triangles, warn_skipped
-from splat2mesh.scene.gltfnodes import global_matrices, hierarchy, initial_transforms, instances
 from splat2mesh.scene.gltftextures import Textures
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene

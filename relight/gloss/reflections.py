@@ -4,6 +4,7 @@ A single Gaussian's harmonics are noise; together, in a picture, they show the r
 removed from pictures and the new one added, and the harmonics of glossy Gaussians follow by least squares.
 """
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -135,7 +136,7 @@ class Reflections:
         sh = np.zeros((len(splats), (DEGREE + 1) ** 2, 3), np.float32)
         sh[:, : splats.sh.shape[1]] = splats.sh
         sh[rows[self._glossy]] += found
-        return Splats(splats.means, splats.scales, splats.quats_wxyz, splats.opacities, sh)
+        return replace(splats, sh=sh)
 
     def beside(self, before: Seen) -> NDArray[np.float64]:
         """(M, 3) how much of the light through the wide lobe each node of a metal reflects beside its lobe: that and

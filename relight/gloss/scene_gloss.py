@@ -183,7 +183,6 @@ class SceneGloss:
             "reflectance": _median(gloss.reflectance[rows]),
             "metal_reflectance": _median(gloss.whole[rows & gloss.metal]),
             "alpha": round(float(np.median(gloss.alpha[rows])), 3),
-            "light_from_reflections": self.shape is not None,
         }
 
     def _traced(self, looks: "Looks", gloss: Gloss) -> Reflections:

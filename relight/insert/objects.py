@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Faces, Integers
 from splat2mesh.base.errors import InputError
+from splat2mesh.base.gltf import GltfData, entry
 from splat2mesh.base.inputs import quiet_numbers, reading
 from splat2mesh.scene.color import linear_from_srgb
-from splat2mesh.scene.gltf import GltfData, entry
 from splat2mesh.scene.gltfmesh import Piece, placed_pieces
 from splat2mesh.scene.gltftextures import MappedTexture, Textures, base_color
 from splat2mesh.scene.mesh import Mesh, vertex_normals

@@ -298,10 +298,11 @@ class KnownScene(Inputs):
         given = self.request.cameras
         if given is None:
             return None
-        from splat2mesh.views.cameras import trained_views, usable_views
+        from splat2mesh.views.cameras import usable_views
+        from splat2mesh.views.located import located_views
 
         if self.splats is not None:
-            views = trained_views(given, self.splats[1][0], clean(self.splats[0])[0])
+            views = located_views(given, self.splats[1][0], "auto", clean(self.splats[0])[0])
         else:
             views = usable_views(given)
         if not views:

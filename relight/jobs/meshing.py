@@ -10,12 +10,8 @@ from splat2mesh.options import ConvertOptions, changed_fields
 from splat2mesh.scene.folder import META
 from splat2mesh.scene.scene import Scene
 from splat2mesh.scene.sources import fingerprint
+from splat2mesh.splats.formats.register import looks_like_splat
 from splat2mesh.summary import summary_of
-
-_SPLAT_ENDINGS = (".splat", ".spz", ".sog", ".json")
-"""Suffixes of files that are never meshes."""
-
-_HEADER_BYTES = 1 << 16
 
 _SETTINGS = {"stand": "from"}
 """Fields of ConvertOptions with another name in scene.json."""
@@ -41,12 +37,7 @@ def is_splat(path: str | os.PathLike[str]) -> bool:
     path = Path(path)
     if path.is_dir():
         return not (path / META).is_file()
-    if path.suffix.lower() in _SPLAT_ENDINGS:
-        return True
-    with open(path, "rb") as file:
-        header = file.read(_HEADER_BYTES)
-    header = header[: header.find(b"end_header")] if header.startswith(b"ply") else b""
-    return b"f_dc_0" in header or b"packed_position" in header
+    return path.suffix.lower() == ".json" or looks_like_splat(path)
 
 
 def scene_folder(splat: str | os.PathLike[str], options: ConvertOptions, stages: Stages) -> tuple[Path, list[str]]:

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.errors import InputError
+from splat2mesh.base.gltf import GltfData, entry, warn_skipped
+from splat2mesh.base.gltfnodes import global_matrices, hierarchy, initial_transforms
 from splat2mesh.base.inputs import quiet_numbers, reading
-from splat2mesh.scene.gltf import GltfData, entry, warn_skipped
 from splat2mesh.scene.gltfmesh import Piece, placed_pieces
-from splat2mesh.scene.gltfnodes import global_matrices, hierarchy, initial_transforms
 from splat2mesh.scene.gltftextures import Textures
 
 from .asked import AskedLamp, Brightness, in_picture_units

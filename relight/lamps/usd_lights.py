@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Triple
 from splat2mesh.base.errors import InputError
+from splat2mesh.base.gltf import warn_skipped
 from splat2mesh.base.inputs import file_size, quiet_numbers, reading
-from splat2mesh.scene.gltf import warn_skipped
+from splat2mesh.base.usd_trial import check_opens
 
 from .asked import AskedLamp, in_picture_units
 from .color import COLDEST_K, HOTTEST_K, WHITE, blackbody
 from .photometry import flux
 from .shapes import Lamp, MeshLamp, RectangleLamp, SphereLamp, SpotLamp, TubeLamp, checked_light
-from .usd_trial import check_opens
 
 USD_SUFFIXES = ".usd", ".usda", ".usdc", ".usdz"
 

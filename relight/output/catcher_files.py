@@ -1,5 +1,6 @@
 """catcher.ply and catcher.exr: the effect of inserted objects on the place, as factors on its light."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +12,7 @@ from splat2mesh.base.outputs import staged_file
 from splat2mesh.render.rasterize import Rendering
 from splat2mesh.scene.color import linear_from_srgb
 from splat2mesh.scene.scene import Scene
+from splat2mesh.splats.formats.inria import header_of, row_type
 from splat2mesh.splats.formats.ply import Ply
 from splat2mesh.splats.splats import SH_C0, Splats
 
@@ -80,13 +82,12 @@ def _over(before: NDArray[np.float64], after: NDArray[np.float64]) -> NDArray[np
 def _write_splats(path: Path, splats: Splats, ratio: NDArray[np.float32], source: Path | None) -> None:
     """Splats whose colours are their ratios, which no view changes, and the ratios as separate properties."""
     sh = ((ratio - np.float32(0.5)) / np.float32(SH_C0))[:, None]
-    write_relit_ply(path, Splats(splats.means, splats.scales, splats.quats_wxyz, splats.opacities, sh), source)
+    write_relit_ply(path, replace(splats, sh=sh), source)
     rows: NDArray[Any] = np.array(Ply.open(path).rows("vertex"))
     names = [*(rows.dtype.names or ()), *RATIOS]
-    packed = np.empty(len(rows), [(name, "<f4") for name in names])
+    double = rows.dtype["x"].itemsize == 8
+    packed = np.empty(len(rows), row_type(names, double))
     for name in names:
         packed[name] = ratio[:, RATIOS.index(name)] if name in RATIOS else rows[name]
-    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(packed)}"]
-    header += [f"property float {name}" for name in names] + ["end_header\n"]
     with staged_file(path) as staging, open(staging, "wb") as file:
-        file.write("\n".join(header).encode() + packed.tobytes())
+        file.write(header_of(len(packed), names, splats.facts, double) + packed.tobytes())

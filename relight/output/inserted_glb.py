@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from splat2mesh.base.gltf import GltfData
 from splat2mesh.scene.glb import Glb
-from splat2mesh.scene.gltf import GltfData
 from splat2mesh.scene.gltftextures import Textures, base_color
 
 from ..insert.objects import Part

@@ -187,7 +187,7 @@ class Results:
             if "splat" in self._kinds and relit is not None:
                 splats = self._relit.put_in(shaded.inserted, shaded.exposure)
                 if splats is not None:
-                    append_splats(folder / FILES["splat"], splats)
+                    append_splats(folder / FILES["splat"], splats, relit.facts)
         if relit is None:
             return names
         with self._stages.stage("preview"):

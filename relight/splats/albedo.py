@@ -1,5 +1,6 @@
 """The splat without the light of the capture, and normals, for a renderer that lights splats."""
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -41,7 +42,7 @@ def albedo_splats(
         opacities[background] = 0.0
     if harmonics == "zero":
         sh = sh[:, :1]
-    return Splats(splats.means, splats.scales, splats.quats_wxyz, opacities, sh)
+    return replace(splats, opacities=opacities, sh=sh)
 
 
 def normals_of(binding: Binding) -> NDArray[np.float32]:

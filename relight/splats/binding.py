@@ -2,6 +2,7 @@
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -194,7 +195,7 @@ class Binding:
         if not self.lit.all():
             sh, relit_rows = s.sh.copy(), sh
             sh[self.lit] = relit_rows
-        return Splats(s.means, s.scales, s.quats_wxyz, s.opacities, sh)
+        return replace(s, sh=sh)
 
     def log_gains(self, before: Radiance, after: Radiance, exposure: float = 1.0) -> NDArray[np.float32]:
         """(M, 3) log gain of the nodes by which `relit` relights."""
@@ -255,7 +256,7 @@ class Binding:
         lit = rows if self.lit.all() else np.flatnonzero(self.lit)[rows]
         sh = relit.sh.copy()
         sh[lit] = relit_sh(relit.sh[lit], logs, np.zeros(3, np.float32))
-        return Splats(relit.means, relit.scales, relit.quats_wxyz, relit.opacities, sh)
+        return replace(relit, sh=sh)
 
     def _chosen(self, sketch: Splats, scene: Scene, seed: int) -> Sequence[View]:
         """Views from where the capture of a place stood, of an object from all around."""

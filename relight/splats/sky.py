@@ -6,6 +6,7 @@ they are no sky, and take the change of light of the mesh's edge.
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -232,7 +233,7 @@ def under_sky(
     if choice == "drop":
         opacities = splats.opacities.copy()
         opacities[rows] = 0.0
-        return Splats(splats.means, splats.scales, splats.quats_wxyz, opacities, splats.sh)
+        return replace(splats, opacities=opacities)
     if eye is None:
         near = np.delete(splats.means, rows, axis=0)
         eye = np.median(near[np.isfinite(near).all(axis=1)], axis=0) if len(near) else np.zeros(3)
@@ -241,7 +242,7 @@ def under_sky(
     sh = splats.sh.copy()
     sh[rows] = 0.0
     sh[rows, 0] = (tone_map(shown) - np.float32(0.5)) / np.float32(SH_C0)
-    return Splats(splats.means, splats.scales, splats.quats_wxyz, splats.opacities, sh)
+    return replace(splats, sh=sh)
 
 
 def dimmed(
@@ -256,4 +257,4 @@ def dimmed(
     log_gain = np.full((len(rows), 3), np.log(np.clip(factor, LEAST, MOST)) / CURVE_POWER, np.float32)
     sh = relit.sh.copy()
     sh[rows] = relit_sh(source.sh[rows], log_gain, log_gain[0])
-    return Splats(relit.means, relit.scales, relit.quats_wxyz, relit.opacities, sh)
+    return replace(relit, sh=sh)

@@ -1,6 +1,7 @@
 """The background of a city outside all tiles: the sky, which shows the new light, and distant lawns and houses, which
 take the change of light of the city as seen from there."""
 
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -8,8 +9,9 @@ from numpy.typing import NDArray
 
 from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.joining import joined
-from splat2mesh.splats.splats import NUMBERS, Splats
+from splat2mesh.splats.splats import Splats
 from splat2mesh.tiles.store import Store
+from splat2mesh.tiles.survey import splats_from
 
 from ..light.captured import CapturedLight
 from ..light.environment import Environment
@@ -46,7 +48,7 @@ def far_splats(store: Store, piece: int, most: int | None = None) -> Splats:
     """The far background of a piece: all rows, or an even sample of at most `most`."""
     kept = store.read_arrays(f"splats/far_{piece:05d}.npz")
     step = 1 if most is None else max(1, -(-len(kept["means"]) // most))
-    return Splats(**{name: kept[name][::step] for name in NUMBERS})
+    return splats_from(kept, slice(None, None, step))
 
 
 def background_of(
@@ -89,6 +91,6 @@ def relit_background(
     shown = is_sky(splats.take(rows), background.backdrop)
     other, sh = rows[~shown], splats.sh.copy()
     sh[other] = relit_sh(sh[other], background.patches.seen_from(splats.means[other]), background.mean)
-    relit = Splats(splats.means, splats.scales, splats.quats_wxyz, splats.opacities, sh)
+    relit = replace(splats, sh=sh)
     eye = background.backdrop.middle
     return under_sky(relit, rows[shown], sky, scene_from_splat, exposure, choice, eye)

@@ -1,6 +1,7 @@
 """The tasks of workers for a relit city: first one light for all tiles, from the coarse city; then tile by tile."""
 
 import io
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -12,11 +13,12 @@ from splat2mesh.scene.meshfile import mesh_ply_bytes
 from splat2mesh.splats.cleaning import usable
 from splat2mesh.splats.formats.inria import inria_ply_bytes
 from splat2mesh.splats.joining import joined
-from splat2mesh.splats.splats import NUMBERS, Splats
+from splat2mesh.splats.splats import Splats
 from splat2mesh.tiles.glb import glb_bytes
 from splat2mesh.tiles.memory import give_back
 from splat2mesh.tiles.plan import folder_of
 from splat2mesh.tiles.store import Store
+from splat2mesh.tiles.survey import splats_from
 
 from ..engine.appearance import CAPTURE, CAPTURE_OF_PLACE, LEAST_ALBEDO
 from ..light.captured import CapturedLight
@@ -168,7 +170,7 @@ def _lit(
         np.save(buffer, radiance)
         files["radiance.npy"] = buffer.getvalue()
     if splats is not None and sh is not None:
-        splats = Splats(splats.means, splats.scales, splats.quats_wxyz, splats.opacities, sh)
+        splats = replace(splats, sh=sh)
     bounds = [mesh.vertices.min(axis=0).tolist(), mesh.vertices.max(axis=0).tolist()]
     return files, facts | {"bounds": bounds}, splats
 
@@ -237,7 +239,7 @@ def _albedo(
 def _source_splats(store: Store, tile: int, sources: list[int]) -> Splats | None:
     """The splats of a tile as the source has them, in its frame, or None."""
     parts = [store.read_arrays(f"splats/{number:05d}_{tile:05d}.npz") for number in sources]
-    return joined([Splats(**{name: part[name] for name in NUMBERS}) for part in parts]) if parts else None
+    return joined([splats_from(part) for part in parts]) if parts else None
 
 
 def _relit_sh(

@@ -9,7 +9,7 @@ import json
 import numpy as np
 
 from relight.albedo import fitted, natural, posterior
-from relight.albedo.evidence import Evidence, Places, SeenSky
+from relight.albedo.evidence import Evidence, LitPlaces, SeenSky
 from relight.albedo.fitted import Fitted
 from splat2mesh.base.sphere import texel_directions
 from splat2mesh.scene.color import srgb_from_linear
@@ -53,7 +53,7 @@ def evidence_of(capture, numbers):
     if "sky_seen" in capture:
         sky = SeenSky(capture["sky_log"], capture["sky_seen"], capture["sky_clipped"])
     fields = (capture[name] for name in ("sky", "directions", "captured", "bounced", "normals", "pairs", "weights"))
-    return Evidence(Places(*fields), sky, numbers)
+    return Evidence(LitPlaces(*fields), sky, numbers)
 
 
 def estimated(capture, numbers):

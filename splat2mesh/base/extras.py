@@ -12,8 +12,13 @@ EXTRAS = {
     "fsspec": "cluster",
     "manifold3d": "proxy",
     "coacd": "proxy",
+    "pxr": "usd",
 }
 """Package -> the extra of pyproject.toml that brings it; others come with the packages themselves."""
+
+
+PACKAGES = {"pxr": "usd-core"}
+"""Names under which packages are installed, where they are others."""
 
 
 def needed(
@@ -26,7 +31,8 @@ def needed(
     except ModuleNotFoundError as error:
         if error.name != package:  # the package exists, one of its dependencies does not
             raise
-        command = f'pip install "splat2mesh[{EXTRAS[package]}]"' if package in EXTRAS else f"pip install {package}"
+        name = PACKAGES.get(package, package)
+        command = f'pip install "splat2mesh[{EXTRAS[package]}]"' if package in EXTRAS else f"pip install {name}"
         raise InputError(f"{purpose} needs {package}, which is not installed: {command}") from None
 
 

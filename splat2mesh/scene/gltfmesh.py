@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.errors import InputError
+from ..base.gltf import FREE_CORNERS, MODES, TRIANGLES, GltfData, entry, triangles, warn_skipped
+from ..base.gltfnodes import global_matrices, hierarchy, initial_transforms, instances
 from ..base.inputs import reading
 from .color import srgb_from_linear
-from .gltf import FREE_CORNERS, MODES, TRIANGLES, GltfData, entry, triangles, warn_skipped
-from .gltfnodes import global_matrices, hierarchy, initial_transforms, instances
 from .gltftextures import Textures
 from .surfaces import UncheckedMesh, centred, joined
 

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.errors import DataWarning, InputError
+from ..base.gltf import GltfData, entry
 from .color import linear_from_srgb
-from .gltf import GltfData, entry
 
 MOST_TEXELS = 1 << 26
 """Most texels of a picture, and of those of a file that are kept at a time: four of 4,096 x 4,096."""

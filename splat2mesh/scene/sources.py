@@ -17,7 +17,7 @@ from ..splats.splats import Splats
 from .folder import absolute
 from .scene import Scene
 
-_SOG_METAS = ("meta.json", "lod-meta.json")
+_SOG_METAS = ("meta.json", "lod-meta.json", "meta.lcc")
 """Names that every SOG has, so they identify none."""
 
 

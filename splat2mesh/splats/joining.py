@@ -1,7 +1,9 @@
 """Several splats joined into one, in little more memory than the result takes."""
 
 import numpy as np
+from numpy.typing import NDArray
 
+from .facts import common
 from .splats import Splats
 
 
@@ -17,7 +19,8 @@ def joined(parts: list[Splats]) -> Splats:
     Returns
     -------
     Splats
-        Rows are marked as environment where their part marks them; where no part does, there is no mark.
+        Rows are marked as environment where their part marks them; where no part does, there is no mark. Parts of other
+        offsets are moved to the common one.
     """
     if len(parts) == 1:
         return parts.pop()
@@ -27,13 +30,31 @@ def joined(parts: list[Splats]) -> Splats:
     shapes = {"means": (3,), "scales": (3,), "quats_wxyz": (4,), "opacities": (), "sh": (coefficients, 3)}
     environment = np.zeros(total, bool) if any(part.environment is not None for part in parts) else None
     arrays = (np.zeros((total, *shape), np.float32) for shape in shapes.values())
-    whole = Splats(**dict(zip(shapes, arrays, strict=True)), environment=environment)
+    facts = common([part.facts for part in parts])
+    whole = Splats(**dict(zip(shapes, arrays, strict=True)), environment=environment, facts=facts)
     while parts:
         part = parts.pop()
         rows = slice(int(starts[len(parts)]), int(starts[len(parts) + 1]))
-        for name in ("means", "scales", "quats_wxyz", "opacities"):
+        for name in ("scales", "quats_wxyz", "opacities"):
             getattr(whole, name)[rows] = getattr(part, name)
+        whole.means[rows] = at_offset(part, facts.offset)
         whole.sh[rows, : part.sh.shape[1]] = part.sh
         if whole.environment is not None and part.environment is not None:
             whole.environment[rows] = part.environment
     return whole
+
+
+def at_offset(
+    splats: Splats,
+    offset: tuple[float, float, float],  # of the new means
+) -> NDArray[np.float32]:
+    """Return the means of splats beside another offset than theirs.
+
+    Returns
+    -------
+    ndarray of float32, (N, 3)
+    """
+    if splats.facts.offset == offset:
+        return splats.means
+    apart = np.subtract(splats.facts.offset, offset)
+    return (splats.means.astype(np.float64) + apart).astype(np.float32)

@@ -109,7 +109,37 @@ def placed(splats: Splats, matrix: ArrayLike) -> Splats:
             scales=splats.scales * scale,
             quats_wxyz=_times(_quat_wxyz(rotation), splats.quats_wxyz.astype(np.float64)),
             sh=_turned(splats.sh, sh_rotation_3dgs(rotation, splats.degree)),
+            facts=splats.facts.turned(scale * rotation),
         )
+
+
+def reframed(splats: Splats, matrix: ArrayLike) -> Splats:
+    """Return splats whose axes are others: turned, or mirrored as a file of the other handedness has them.
+
+    Parameters
+    ----------
+    splats : Splats
+    matrix : array-like, (3, 3)
+        Orthogonal, new_from_old.
+
+    Returns
+    -------
+    Splats
+        Row by row; the same object for the identity.
+
+    Notes
+    -----
+    A mirror is the inversion p -> -p before a rotation. It keeps the rotation of a Gaussian, which is even, and changes
+    the sign of the harmonics of odd degree. Source: d -> -d in the definition of the harmonics.
+    """
+    matrix = np.asarray(matrix, np.float64)
+    if np.linalg.det(matrix) < 0:
+        degree = np.repeat(np.arange(splats.degree + 1), 2 * np.arange(splats.degree + 1) + 1)
+        odd = np.where(degree % 2, -1, 1).astype(np.float32)
+        facts = splats.facts.turned(-np.eye(3))
+        splats = replace(splats, means=-splats.means, sh=splats.sh * odd[:, None], facts=facts)
+        matrix = -matrix
+    return placed(splats, similarity(rotation=matrix))
 
 
 def placed_mesh(mesh: Any, matrix: ArrayLike) -> Any:

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, replace
 from types import ModuleType
 from typing import Any, ClassVar
 
@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..base.errors import InputError
 from ..base.outputs import check_output
+from .facts import NO_FACTS, FileFacts
 from .harmonics import DEGREE_OF_COEFFICIENTS, SH_C0, sh_basis_3dgs
 from .zorder import rows_along_curve
 
@@ -50,6 +51,8 @@ class Splats:
     environment : ndarray of bool, (N,), or None
         Which splats the capture itself keeps apart as its surroundings (the sky and the far distance of a streamed
         SOG), or None where it does not say.
+    facts : FileFacts
+        What the file says beside.
 
     Raises
     ------
@@ -67,6 +70,7 @@ class Splats:
     opacities: np.ndarray
     sh: np.ndarray
     environment: np.ndarray | None = None
+    facts: FileFacts = NO_FACTS
     files: ClassVar[ModuleType]
     """`formats`, which makes Splats and so cannot be imported here: the package sets it."""
 
@@ -172,11 +176,8 @@ class Splats:
         Splats
             Those at `rows`, in that order.
         """
-        values: list[Any] = [None if value is None else value[rows] for value in self._values()]
-        return Splats(*values)
-
-    def _values(self) -> list[Any]:
-        return [getattr(self, field.name) for field in fields(self)]
+        names = [name for name in (*NUMBERS, "environment") if getattr(self, name) is not None]
+        return replace(self, **{name: getattr(self, name)[rows] for name in names})
 
     def in_spatial_order(self) -> "Splats":
         """Return the same splats along a Z-order curve: neighbours in space are neighbours in memory.

@@ -4,6 +4,7 @@ Files in a bucket are copied to the worker that reads them, one at a time.
 """
 
 import os
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -13,12 +14,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..base.errors import InputError
+from ..base.errors import DataWarning, InputError
 from ..base.inputs import inside
+from ..splats.facts import HERE, Vector3
 from ..splats.formats import inria, sog, streamed
 from ..splats.formats.parts import SUFFIXES, check_lod, parts_of
 from ..splats.formats.ply import Ply
-from ..splats.formats.read import kind_of, read_splats
+from ..splats.formats.read import read_splats
+from ..splats.formats.register import kind_of_file
+from ..splats.joining import at_offset
 from ..splats.splats import Splats
 from .store import Store
 
@@ -29,13 +33,14 @@ PIECE_ROWS = 500_000
 class CityPiece(NamedTuple):
     """TilePart of a city's source. path: of the file, or its URL. first, last: range of its rows; last is -1 for all.
 
-    environment: whether it is the far surroundings that a streamed SOG keeps apart.
+    environment: whether it is the far surroundings that a streamed SOG keeps apart. offset: of the means of all pieces.
     """
 
     path: str
     first: int
     last: int
     environment: bool
+    offset: Vector3 = HERE
 
 
 def pieces_of(path: str, lod: Any = "auto") -> list[CityPiece]:
@@ -52,16 +57,25 @@ def pieces_of(path: str, lod: Any = "auto") -> list[CityPiece]:
         found = parts_of(path, lod)
         if lod == "auto" and found.level:
             found = parts_of(path, 0)
+        if found.note:
+            warnings.warn(found.note, DataWarning, stacklevel=2)
         pieces = [piece for tile in found.tiles for piece in _cut(tile)]
         if found.environment is not None:
             pieces.append(CityPiece(str(found.environment), 0, -1, True))
+        offset = _offset_of(found.tiles)
     except OSError as error:
         raise InputError(f"cannot read {error.filename or path}: {error.strerror or error}") from error
-    return pieces
+    return [piece._replace(offset=offset) for piece in pieces]
+
+
+def _offset_of(tiles: tuple[Path, ...]) -> Vector3:
+    """The offset of the first file that has one, at which all pieces are read."""
+    plys = (Ply.open(tile) for tile in tiles if tile.is_file() and kind_of_file(tile) == "ply")
+    return next((offset for offset in map(inria.offset_of, plys) if offset != HERE), HERE)
 
 
 def _cut(path: Path) -> list[CityPiece]:
-    if path.is_file() and kind_of(path) == "ply":
+    if path.is_file() and kind_of_file(path) == "ply":
         elements = Ply.open(path).elements
         rows = elements["vertex"].count if "vertex" in elements else 0
         if rows > PIECE_ROWS:
@@ -127,9 +141,13 @@ def _here(path: str) -> Iterator[str]:
 def read_piece(piece: CityPiece) -> Splats:
     """The splats of a piece, as the file has them. Raises InputError as `read_splats` does."""
     piece = CityPiece(*piece)
+    x, y, z = piece.offset
+    offset = float(x), float(y), float(z)
     with _here(piece.path) as path:
         if piece.last < 0:
             splats = read_splats(path)
+            facts = replace(splats.facts, offset=offset)
+            splats = replace(splats, means=at_offset(splats, offset), facts=facts)
             return replace(splats, environment=np.ones(len(splats), bool)) if piece.environment else splats
         with np.errstate(over="ignore", invalid="ignore"):
-            return inria.read(Ply.open(path), slice(piece.first, piece.last))
+            return inria.read(Ply.open(path), slice(piece.first, piece.last), offset)

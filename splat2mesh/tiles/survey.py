@@ -1,6 +1,7 @@
 """First passes over a city: a sample of every piece makes the plan; then every piece is divided among the tiles."""
 
 import warnings
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -8,6 +9,7 @@ import numpy as np
 from ..base.errors import DataWarning, InputError
 from ..splats.cleaning import usable
 from ..splats.extent import check_extent
+from ..splats.facts import HERE, FileFacts, common
 from ..splats.joining import joined
 from ..splats.placing import placed
 from ..splats.splats import MIN_SPLATS, NUMBERS, Splats
@@ -41,7 +43,8 @@ def survey(store: Store, number: int, piece: CityPiece, most: int) -> dict[str, 
     chosen = rows[:: max(1, -(-len(rows) // most))]
     arrays = {name: getattr(splats, name)[chosen] for name in NUMBERS if name != "sh"}
     store.write_arrays(f"work/survey/{number:05d}.npz", **arrays, weight=len(rows) / max(len(chosen), 1))
-    return {"splats": len(splats), "usable": len(rows), **counts}
+    says = {} if splats.facts.up is None else {"up": splats.facts.up, "up_from": splats.facts.up_from}
+    return {"splats": len(splats), "usable": len(rows), **counts, **says}
 
 
 def plan_of(store: Store, pieces: list[CityPiece], counts: list[dict[str, Any]], settings: dict[str, Any]) -> CityPlan:
@@ -50,7 +53,9 @@ def plan_of(store: Store, pieces: list[CityPiece], counts: list[dict[str, Any]],
     if len(sample) < MIN_SPLATS:
         raise InputError(f"{len(sample)} usable splats: at least {MIN_SPLATS} are needed")
     check_extent(sample)
-    rotation, up_from = upright(settings["up"], (), sample, lambda: True)
+    said = [(tuple(count["up"]), count["up_from"]) if "up" in count else (None, "") for count in counts]
+    facts = common([FileFacts(up=up, up_from=source) for up, source in said])
+    rotation, up_from = upright(settings["up"], (), replace(sample, facts=facts), lambda: True)
     turned = placed(sample, rotation)
     trained = training_pixel(turned)
     pixel = max(trained, LEAST_PIXEL * apart(turned.means.astype(np.float64), weights))
@@ -107,11 +112,18 @@ def deal(store: Store, key: str, number: int) -> dict[str, Any]:
     for tile in np.unique(owner):
         rows = np.flatnonzero(owner == tile)
         name = f"splats/{number:05d}_{tile:05d}.npz" if tile >= 0 else f"splats/far_{number:05d}.npz"
-        store.write_arrays(name, rows=rows, **{field: getattr(splats, field)[rows] for field in NUMBERS})
+        fields = {field: getattr(splats, field)[rows] for field in NUMBERS}
+        store.write_arrays(name, rows=rows, offset=np.array(splats.facts.offset), **fields)
         dealt[str(tile)] = len(rows)
     record = {"dealt": dealt, "dropped": int((~keep).sum())}
     store.write_json(f"splats/{number:05d}.json", record)
     return record
+
+
+def splats_from(kept: dict[str, Any], rows: slice = slice(None)) -> Splats:
+    """Splats of the arrays that `deal` writes, in the frame of their source."""
+    x, y, z = kept["offset"].tolist() if "offset" in kept else HERE
+    return Splats(**{field: kept[field][rows] for field in NUMBERS}, facts=FileFacts(offset=(x, y, z)))
 
 
 def splats_of(
@@ -131,7 +143,8 @@ def splats_of(
                 part = part.take(within_box(part.means[:, [0, 2]], box))
             parts.append(part)
     if not parts:
-        return Splats(*(np.zeros((0, *shape), np.float32) for shape in ((3,), (3,), (4,), (), (1, 3))))
+        means, scales, quats, opacities, sh = (np.zeros((0, *s), np.float32) for s in ((3,), (3,), (4,), (), (1, 3)))
+        return Splats(means, scales, quats, opacities, sh)
     return joined(parts)
 
 

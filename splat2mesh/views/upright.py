@@ -29,13 +29,15 @@ def upright(
 ) -> tuple[Matrix4, str]:
     """The rotation of `scene_from_splat`, and what source it: one phrase.
 
-    up: one of UP_CHOICES. "auto" asks the trained cameras `views` where there are any, else the floor of `splats`, else
-    assumes the usual frame of trained files, and says from which side it is brighter. A largest plane that faces along
-    z is the floor of a place, but not of an object; `is_place` is called then, and tells. Raises InputError for another
-    `up`.
+    up: one of UP_CHOICES. "auto" asks the trained cameras `views` where there are any, else what the file of `splats`
+    says, else their floor, else assumes the usual frame of trained files, and says from which side it is brighter. A
+    largest plane that faces along z is the floor of a place, but not of an object; `is_place` is called then, and
+    tells. Raises InputError for another `up`.
     """
     if up != "auto" or len(views):
         return scene_from_splat(up, views), "asked for" if up != "auto" else "the cameras"
+    if splats.facts.up is not None:
+        return scene_from_splat(floor_up=np.asarray(splats.facts.up)), f"the file, by {splats.facts.up_from}"
     ground = ground_of(splats)
     if ground.of_place is not None and is_place():
         matrix = scene_from_splat(floor_up=ground.of_place)

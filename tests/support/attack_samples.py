@@ -1,5 +1,6 @@
 """Small whole files of every kind that is read, for `attacks` to damage."""
 
+import gzip
 import json
 import struct
 import warnings
@@ -53,7 +54,55 @@ def _splats(folder):
     files |= {f"all/0_0/{name}": data for name, data in parts.items()}
     files |= {f"all/1_0/{name}": data for name, data in tile.items()}
     found["splat.streamed"] = files, "all/lod-meta.json"
+    return found | _newer_splats(folder, splats)
+
+
+def _newer_splats(folder, splats):
+    """Kinds that the package reads and does not write."""
+    from scan_samples import ksplat_bytes, write_lcc
+    from splat_gltf import attributes_of, splat_glb, spz_glb
+
+    from splat2mesh.splats.facts import FileFacts
+    from splat2mesh.splats.formats import write_splats
+
+    write_splats(folder / "utm.ply", replace(splats, facts=FileFacts(offset=(5e5, 5e6, 300.0))))
+    found = {"splat.utm.ply": ({"a.ply": (folder / "utm.ply").read_bytes()}, "a.ply")}
+    spz = (folder / "whole.spz").read_bytes()
+    found["splat.records.spz"] = {"a.spz": _with_records(spz)}, "a.spz"
+    found["splat.ksplat"] = {"a.ksplat": ksplat_bytes(splats, 1, bucket=16)}, "a.ksplat"
+    found["splat.glb"] = {"a.glb": splat_glb(attributes_of(splats))}, "a.glb"
+    found["splat.spz.glb"] = {"a.glb": spz_glb(spz)}, "a.glb"
+    write_lcc(folder / "lcc", [palette_splats(30, 3), palette_splats(10, 3)], palette_splats(5, 3))
+    scene = {f"scene/{each.name}": each.read_bytes() for each in (folder / "lcc").iterdir()}
+    found["splat.lcc"] = scene, "scene/meta.lcc"
+    names = [f"out/splat_{number}.ply" for number in (7000, 30000)]
+    found["splat.checkpoints"] = dict.fromkeys(names, (folder / "whole.ply").read_bytes()), "out"
+    return found | _usd_splats(folder, splats)
+
+
+def _usd_splats(folder, splats):
+    try:
+        from pxr import Usd, UsdVol, Vt
+    except ImportError:
+        return {}
+    found = {}
+    for kind in ("usda", "usdc"):
+        stage = Usd.Stage.CreateNew(str(folder / f"splats.{kind}"))
+        field = UsdVol.ParticleField3DGaussianSplat.Define(stage, "/a")
+        field.CreatePositionsAttr(Vt.Vec3fArray.FromNumpy(splats.means))
+        sh = np.ascontiguousarray(splats.sh.reshape(-1, 3))
+        field.CreateRadianceSphericalHarmonicsCoefficientsAttr(Vt.Vec3fArray.FromNumpy(sh))
+        field.CreateRadianceSphericalHarmonicsDegreeAttr(splats.degree)
+        stage.GetRootLayer().Save()
+        found[f"splat.{kind}"] = {f"a.{kind}": (folder / f"splats.{kind}").read_bytes()}, f"a.{kind}"
     return found
+
+
+def _with_records(spz):
+    """An SPZ of version 3 that says to be in the frame of a PLY."""
+    data = bytearray(gzip.decompress(spz))
+    data[14] |= 2
+    return gzip.compress(bytes(data) + struct.pack("<III", 0xADBE0003, 4, 6), mtime=0)
 
 
 def _grid(side=4):

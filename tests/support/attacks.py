@@ -14,6 +14,7 @@ import struct
 import zipfile
 import zlib
 from dataclasses import dataclass, fields, is_dataclass
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -87,10 +88,14 @@ def _cache(path):
     return cache.restored(lambda arrays: arrays["transfer"], "transfer", "raytraced", 3, 8, 0) is not None
 
 
+_USD = ("usdc", "usda") if find_spec("pxr") else ()
+
 READERS = {
     **{f"splat.{kind}": _splats for kind in ("ply", "ascii.ply", "compressed.ply", "splat", "spz", "sog")},
+    **{f"splat.{kind}": _splats for kind in ("utm.ply", "records.spz", "ksplat", "glb", "spz.glb", "lcc", *_USD)},
     "splat.folder": _splats,
     "splat.streamed": _splats,
+    "splat.checkpoints": _splats,
     **{f"mesh.{kind}": _mesh for kind in ("ply", "ascii.ply", "obj", "stl", "ascii.stl", "glb", "gltf", "off")},
     **{f"light.{kind}": _light for kind in ("exr", "piz.exr", "tiled.exr", "hdr", "old.hdr")},
     "scene": _scene,
@@ -104,7 +109,7 @@ READERS = {
     "object": _object,
     "cache": _cache,
 }
-SUMMED = ("scene", "splat.spz")
+SUMMED = ("scene", "splat.spz", "splat.records.spz")
 """Kinds whose files carry a checksum of their content."""
 
 
@@ -245,7 +250,22 @@ def lies(kind, files, entry):
     elif kind == "splat.spz":
         for count in (48_000_000, 1 << 31):
             yield Attack(f"{count} splats", {entry: _later(_spz_bomb, count)}, entry)
-    elif kind in ("mesh.glb", "animation", "object"):
+    elif kind == "splat.ksplat":
+        for at in (4, 16, 4096, 4100, 4104, 4108, 4128, 4132):
+            yield Attack(f"4 G at {at}", {entry: _with_number(files[entry], at, 0xFFFFFFFF)}, entry)
+    elif kind == "splat.lcc":
+        for at, value in ((4, 0x7FFFFFFF), (8, 0xFFFFFFFF), (12, 0x7FFFFFFF), (8, 7)):
+            index = _with_number(files["scene/index.bin"], at, value)
+            yield Attack(f"{value:#x} at {at}", files | {"scene/index.bin": index}, entry)
+        meta = json.loads(files[entry])
+        for change in (
+            {"totalLevel": 1 << 40},
+            {"splats": [1 << 60, 1]},
+            {"attributes": {"a": 1}},
+            {"attributes": [[]]},
+        ):
+            yield Attack(f"{change}", files | {entry: json.dumps(meta | change).encode()}, entry)
+    elif kind in ("mesh.glb", "animation", "splat.glb", "object"):
         data = files[entry]
         yield Attack("4 GB of JSON", {entry: data[:12] + struct.pack("<I", 0xFFFFFFF0) + data[16:]}, entry)
         for change in _gltf_lies():
@@ -352,6 +372,10 @@ def _changed_glb(data, change):
     text += b" " * (-len(text) % 4)
     rest = data[20 + length :]
     return data[:8] + struct.pack("<III", 20 + len(text) + len(rest), len(text), 0x4E4F534A) + text + rest
+
+
+def _with_number(data, at, value):
+    return data[:at] + struct.pack("<I", value) + data[at + 4 :]
 
 
 def _later(make, *arguments):

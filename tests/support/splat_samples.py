@@ -1,6 +1,6 @@
 """What the tests of splats and of their files share: random splats, an SH oracle, quantisation, a far background."""
 
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 from scipy.special import sph_harm_y
@@ -17,6 +17,11 @@ def make_splats(n, degree, seed=0):
         opacities=rng.uniform(0.1, 0.9, n),
         sh=rng.normal(size=(n, (degree + 1) ** 2, 3)),
     )
+
+
+def tile_at(x, splats):
+    """The splats as a tile at another place."""
+    return replace(splats, means=splats.means + np.array([x, 0, 0], np.float32))
 
 
 def basis_oracle(directions, degree):

@@ -15,9 +15,19 @@ from numpy.typing import NDArray
 
 from ...base.errors import InputError
 from ...base.outputs import staged_file
+from ..facts import comments_of, facts_of_comments
 from ..splats import Splats
-from .encoding import color_from_sh, hide_unusable, levels, restore_largest, sh_from_color, smallest_three, warn_clipped
-from .inria import coefficients, gather, rest_columns
+from .encoding import (
+    color_from_sh,
+    hide_unusable,
+    levels,
+    restore_largest,
+    sh_from_color,
+    smallest_three,
+    warn_beyond,
+    warn_clipped,
+)
+from .inria import DEGREES, coefficients, gather, rest_columns
 from .ply import Ply
 
 CHUNK_SPLATS = 256
@@ -68,6 +78,7 @@ def read(ply: Ply) -> Splats:
         _quats_wxyz(rows["packed_rotation"]),
         color[:, 3],
         _with_rest(ply, sh_from_color(color_srgb)),
+        facts=facts_of_comments(ply.comments),
     )
 
 
@@ -121,7 +132,7 @@ def write(path: str | os.PathLike[str], splats: Splats) -> None:
         warn_clipped(np.abs(rest) > _LARGEST_SH, path, f"harmonics beyond +-{_LARGEST_SH:g}")
         cells = np.clip(np.floor((rest + _LARGEST_SH) * (128 / _LARGEST_SH)), 0, 255).astype("u1")
         parts.append(("sh", "uchar", [f"f_rest_{i}" for i in range(cells.shape[1])], cells))
-    header = ["ply", "format binary_little_endian 1.0"]
+    header = ["ply", "format binary_little_endian 1.0", *(f"comment {each}" for each in comments_of(splats.facts))]
     for element, kind, properties, rows in parts:
         header += [f"element {element} {len(rows)}", *(f"property {kind} {name}" for name in properties)]
     with staged_file(path) as staging, open(staging, "wb") as file:
@@ -186,8 +197,11 @@ def _with_rest(ply: Ply, dc: NDArray[np.float32]) -> NDArray[np.float32]:
     element = ply.elements["sh"]
     if element.count != len(dc) or set(element.properties.values()) - {"u1"}:
         raise InputError(f"{ply.path}: expected {len(dc)} rows of bytes in the sh element, found {element.count} rows")
-    sh = np.zeros((len(dc), coefficients(ply.path, element.properties), 3), np.float32)
-    gather(ply.rows("sh"), rest_columns(sh))
+    k, found = coefficients(ply.path, element.properties)
+    if found > k:
+        warn_beyond(ply.path, len(dc), DEGREES[found])
+    sh = np.zeros((len(dc), k, 3), np.float32)
+    gather(ply.rows("sh"), rest_columns(sh, found))
     # Each cell is read at its centre; the two outermost mean the ends themselves.
     centers = (np.arange(256, dtype=np.float32) + 0.5) / (128 / _LARGEST_SH) - _LARGEST_SH
     centers[[0, 255]] = -_LARGEST_SH, _LARGEST_SH

@@ -9,10 +9,13 @@ import warnings
 import numpy as np
 
 from ...base.errors import DataWarning, InputError
-from ..splats import Splats
+from ..splats import ABSURD_LENGTH, Splats
 from .encoding import sh_from_color
 
 _RECORD = np.dtype([("mean", "<f4", 3), ("scale", "<f4", 3), ("rgba", "u1", 4), ("quat_wxyz", "u1", 4)])
+
+_SAMPLE = 65536
+"""Records by which a file is recognised."""
 
 
 def read(path: str | os.PathLike[str]) -> Splats:
@@ -44,8 +47,10 @@ def read(path: str | os.PathLike[str]) -> Splats:
         warnings.warn(f"{path}: ignored {extra} bytes after the last whole record", DataWarning, stacklevel=2)
     records = np.memmap(path, _RECORD, "r", shape=(count,))
     quats = (records["quat_wxyz"].astype(np.float32) - 128) / 128
-    # The format has no mark of its own, but its quaternions are unit up to the rounding of four bytes.
-    if np.median(np.abs(np.linalg.norm(quats, axis=1) - 1)) > 0.1:
-        raise InputError(f"{path} is not a .splat file: its quaternions do not have unit length")
+    # The format has no mark of its own, and quaternions of any length are in use, but no scale is negative.
+    some = np.array(records[:: 1 + count // _SAMPLE])
+    likely = (np.abs(some["mean"]) <= ABSURD_LENGTH) & (some["scale"] >= 0) & (some["scale"] <= ABSURD_LENGTH)
+    if np.count_nonzero(likely.all(axis=1)) < len(some) / 2:
+        raise InputError(f"{path} is not a .splat file: most of its records hold no place and no size")
     rgba = records["rgba"] / np.float32(255)
     return Splats(records["mean"], records["scale"], quats, rgba[:, 3], sh_from_color(rgba[:, None, :3]))

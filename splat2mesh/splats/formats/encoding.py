@@ -178,7 +178,8 @@ def hide_unusable(splats: Splats, path: str | os.PathLike[str]) -> tuple[Splats,
         np.where(usable.reshape(-1, *[1] * (value.ndim - 1)), value, 0)
         for value in (splats.means, splats.scales, splats.opacities, splats.sh)
     )
-    return Splats(means, scales, np.where(usable[:, None], splats.quats_wxyz, _IDENTITY_WXYZ), opacities, sh), usable
+    quats = np.where(usable[:, None], splats.quats_wxyz, _IDENTITY_WXYZ)
+    return Splats(means, scales, quats, opacities, sh, facts=splats.facts), usable
 
 
 def warn_clipped(clipped: NDArray[np.bool_], path: str | os.PathLike[str], what: str) -> None:
@@ -195,3 +196,19 @@ def warn_clipped(clipped: NDArray[np.bool_], path: str | os.PathLike[str], what:
     rows = np.count_nonzero(clipped.reshape(len(clipped), -1).any(axis=1))
     if rows:
         warnings.warn(f"{path}: {what} of {rows} of {len(clipped)} splats were clipped", DataWarning, stacklevel=4)
+
+
+def warn_beyond(path: str | os.PathLike[str], count: int, degree: int) -> None:
+    """Count, in one DataWarning, the splats whose harmonics beyond the third degree are left out.
+
+    Parameters
+    ----------
+    path : path
+        Of the file.
+    count : int
+        Of its splats.
+    degree : int
+        Of their harmonics.
+    """
+    message = f"{path}: dropped the harmonics above degree 3 of {count} splats, whose degree is {degree}"
+    warnings.warn(message, DataWarning, stacklevel=4)

@@ -1,4 +1,4 @@
-"""The parts of a splat path: one file, a folder of tiles, or one level of a streamed SOG."""
+"""The parts of a splat path: one file, a folder of tiles, or one level of a streamed SOG or an LCC scene."""
 
 import os
 import re
@@ -7,9 +7,11 @@ from pathlib import Path
 
 from ...base.choices import check_lod
 from ...base.errors import InputError
-from . import sog, streamed
+from ..splats import Splats
+from . import lcc, sog, streamed
+from .folders import meant, trained_in
 
-SUFFIXES = (".ply", ".splat", ".spz", ".sog")
+SUFFIXES = (".ply", ".splat", ".ksplat", ".spz", ".sog")
 """Suffixes that distinguish the tiles in a folder from its other files."""
 
 _LEVEL = re.compile(r"^(\d+)_\d+$|(?<![a-z])lod[ _.-]?(\d+)", re.IGNORECASE)
@@ -34,6 +36,10 @@ class Parts:
         Of detail, 0 the finest; None where there are no levels.
     level_counts : tuple of int
         The splats of every level, () where there are no levels.
+    beside : tuple of Path
+        Other files that are read with them.
+    note : str
+        What the folder holds and is left out, and why; "" where nothing is.
     """
 
     tiles: tuple[Path, ...]
@@ -42,24 +48,29 @@ class Parts:
     described_by: Path | None = None
     level: int | None = None
     level_counts: tuple[int, ...] = ()
+    beside: tuple[Path, ...] = ()
+    note: str = ""
 
     @property
     def files(self) -> tuple[Path, ...]:
         """Everything that is read, in its order."""
         described, surroundings = (() if path is None else (path,) for path in (self.described_by, self.environment))
-        return (*described, *self.tiles, *surroundings)
+        return (*described, *self.tiles, *self.beside, *surroundings)
 
 
-def parts_of(path: str | os.PathLike[str], lod: int | str = "auto") -> Parts:
+def parts_of(path: str | os.PathLike[str], lod: int | str = "auto", read: dict[Path, Splats] | None = None) -> Parts:
     """Find the files that a splat path stands for.
 
     Parameters
     ----------
     path : path
-        A splat file, a lod-meta.json, or a folder: of a streamed SOG, of an unbundled SOG, or of tiles, which are its
-        splat files and unbundled SOGs in the order of their names.
+        A splat file, a lod-meta.json, or a folder: of a streamed SOG, of an unbundled SOG, of an LCC scene, the output
+        of INRIA's trainer, or of tiles, which are its splat files and unbundled SOGs in the order of their names. Of
+        files in the same place one counts, see `folders`.
     lod : int or "auto"
-        Level of a streamed SOG.
+        Level of a streamed SOG or an LCC scene.
+    read : dict, optional
+        Takes files that had to be read to tell what a folder means: path to Splats.
 
     Returns
     -------
@@ -79,10 +90,25 @@ def parts_of(path: str | os.PathLike[str], lod: int | str = "auto") -> Parts:
         capture.check_tiles(level)
         counted = capture.tiles[level]
         return Parts(tuple(counted), tuple(counted.values()), capture.environment, described, level, capture.counts)
+    scene = _lcc_in(path)
+    if scene is not None:
+        opened = lcc.open_lcc(scene)
+        level = opened.level(lod)
+        return Parts((scene,), (None,), None, None, level, opened.counts, opened.files[1:])
     if lod != "auto":
-        raise InputError(f"`lod` {lod}: {path} has no levels of detail, which only a streamed SOG has")
-    tiles = (path,) if not path.is_dir() or (path / sog.META).is_file() else _tiles_in(path)
-    return Parts(tiles, (None,) * len(tiles))
+        raise InputError(f"`lod` {lod}: {path} has no levels of detail, which a streamed SOG or an LCC scene has")
+    if not path.is_dir() or (path / sog.META).is_file():
+        return Parts((path,), (None,))
+    tiles, note = meant(path, trained_in(path) or _tiles_in(path), read)
+    return Parts(tiles, (None,) * len(tiles), note=note)
+
+
+def _lcc_in(path: Path) -> Path | None:
+    """The meta.lcc of an LCC scene, given itself or its folder; None for anything else."""
+    if path.is_dir():
+        found = sorted(each for each in path.iterdir() if each.suffix.lower() == lcc.SUFFIX)
+        return found[0] if len(found) == 1 else None
+    return path if path.suffix.lower() == lcc.SUFFIX and path.is_file() else None
 
 
 def description_of(path: Path) -> Path | None:

@@ -6,9 +6,10 @@ Source: Turk, "The PLY Polygon File Format" (1994).
 
 import itertools
 import os
+import re
 import sys
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,10 @@ _TYPES = {
     **{"int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4"},
     **{"float": "f4", "double": "f8", "float32": "f4", "float64": "f8"},
 }
+
+
+_ODD_NAN = re.compile(r"(?<!\S)[-+]?(?:nan\([^\s()]*\)|\d\.#(?:[QS]NAN|IND)\w*)(?!\S)", re.IGNORECASE)
+_ODD_INFINITY = re.compile(r"(?<!\S)([-+]?)\d\.#INF\w*(?!\S)", re.IGNORECASE)
 
 
 @dataclass
@@ -67,10 +72,15 @@ class Ply:
         In file order.
     body : int
         Byte offset of the first row.
+    comments : list of str
+        Without the word that marks them.
     """
 
-    def __init__(self, path: Path, format: str, elements: dict[str, Element], body: int) -> None:
+    def __init__(
+        self, path: Path, format: str, elements: dict[str, Element], body: int, comments: list[str] | None = None
+    ) -> None:
         self.path, self.format, self.elements, self.body = path, format, elements, body
+        self.comments = comments or []
 
     @classmethod
     def open(cls, path: str | os.PathLike[str]) -> "Ply":
@@ -93,6 +103,7 @@ class Ply:
         format: str | None = None
         elements: dict[str, Element] = {}
         element: Element | None = None
+        comments: list[str] = []
         file_size(path, "PLY file")
         with open(path, "rb") as file:
             if file.readline(16).strip() != b"ply":
@@ -105,8 +116,10 @@ class Ply:
                 match words:
                     case ["end_header"]:
                         break
-                    case [] | ["comment" | "obj_info", *_]:
+                    case []:
                         pass
+                    case ["comment" | "obj_info", *rest]:
+                        comments.append(" ".join(rest))
                     case ["format", name, _] if name in _BYTE_ORDERS and format is None:
                         format = name
                     case ["element", name, count] if count.isdecimal() and name not in elements:
@@ -123,7 +136,7 @@ class Ply:
                         raise InputError(f"{path}: line {number} of the PLY header makes no sense: '{line}'")
             if format is None:
                 raise InputError(f"{path}: the PLY header has no format line: the file is damaged")
-            return cls(path, format, elements, file.tell())
+            return cls(path, format, elements, file.tell(), comments)
 
     @property
     def byte_order(self) -> str:
@@ -180,17 +193,23 @@ class Ply:
         # A value takes a digit and a separator, so that no header can announce more rows than could be there.
         most = (os.path.getsize(self.path) - self.body + 1) // (2 * len(dtype.names or ()))
         self._check_count(name, most)
-        with open(self.path, encoding="latin-1") as file, warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # "no data", which the count below reports
-            file.seek(self.body)
-            lines = itertools.islice(file, min(skip, sys.maxsize // 2), None)
-            try:
-                rows = np.loadtxt(lines, dtype, comments=None, ndmin=1, max_rows=self.elements[name].count)
+        try:
+            rows = self._parsed_lines(name, skip, dtype, lambda line: line)
+        except (ValueError, OverflowError):
+            try:  # once more, for numbers as other systems write them
+                rows = self._parsed_lines(name, skip, dtype, _plain_numbers)
             except (ValueError, OverflowError) as error:
                 reason = str(error).split(";")[0]
                 raise InputError(f"{self.path}: a PLY row does not fit its header: {reason}") from error
         self._check_count(name, len(rows))
         return rows
+
+    def _parsed_lines(self, name: str, skip: int, dtype: np.dtype, changed: Callable[[str], str]) -> NDArray[Any]:
+        with open(self.path, encoding="latin-1") as file, warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # "no data", which the count of rows reports
+            file.seek(self.body)
+            lines = map(changed, itertools.islice(file, min(skip, sys.maxsize // 2), None))
+            return np.loadtxt(lines, dtype, comments=None, ndmin=1, max_rows=self.elements[name].count)
 
     def _check_count(self, name: str, found: int) -> None:
         promised = self.elements[name].count
@@ -199,6 +218,36 @@ class Ply:
                 f"{self.path} is cut short: its header promises {promised} rows of '{name}', "
                 f"there is room for {found}: copy or export it again"
             )
+
+
+def _plain_numbers(line: str) -> str:
+    """A line in which every NaN and infinity is one of C: `-nan(ind)` is of Visual C++, `1.#QNAN` of its older ones."""
+    return _ODD_INFINITY.sub(r"\1inf", _ODD_NAN.sub("nan", line))
+
+
+def some_rows(rows: NDArray[Any], starts: list[int], size: int) -> list[NDArray[Any]]:
+    """Take runs of the rows of a Ply; mapped ones are read from their file, as `blocks` does.
+
+    Parameters
+    ----------
+    rows : structured ndarray
+    starts : list of int
+        Of the runs.
+    size : int
+        Rows of each, at most.
+
+    Returns
+    -------
+    list of structured ndarray
+    """
+    if not isinstance(rows, np.memmap):
+        return [rows[start : start + size] for start in starts]
+    runs = []
+    with open(str(rows.filename), "rb") as file:
+        for start in starts:
+            file.seek(rows.offset + start * rows.dtype.itemsize)
+            runs.append(np.fromfile(file, rows.dtype, min(size, len(rows) - start)))
+    return runs
 
 
 def blocks(rows: NDArray[Any], size: int) -> Iterator[tuple[int, NDArray[Any]]]:

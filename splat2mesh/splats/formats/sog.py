@@ -20,12 +20,16 @@ from numpy.typing import NDArray
 
 from ...base.errors import InputError
 from ...base.inputs import LARGEST_JSON, check_count, file_size, inside, loads
+from ..facts import FileFacts
 from ..splats import DEGREE_OF_COEFFICIENTS, Splats
 from .encoding import restore_largest, sigmoid
 
 AnyPath: TypeAlias = str | os.PathLike[str]
 
 META = "meta.json"
+ZIP = b"PK\x03\x04"
+ANTIALIASED = "antialiased"
+"""Value of `model` in it, of splats for an anti-aliasing rasteriser. Source: playcanvas/splat-transform 3.2."""
 LARGEST_IMAGE = 1 << 30
 """Bytes of an image in a folder: at most 16383 x 16383 pixels."""
 SMALL_PIXELS = 1 << 20
@@ -197,6 +201,7 @@ def _decode(images: _Images, meta: dict[str, Any], version: int) -> Splats:
         _quats_wxyz(images),
         opacities,
         _with_rest(images, meta, dc),
+        facts=FileFacts(True if meta.get("model") == ANTIALIASED else None),
     )
 
 

@@ -20,6 +20,7 @@ from ...base.outputs import staged_file
 from ...base.version import VERSION
 from ..splats import Splats
 from .encoding import hide_unusable, levels, smallest_three
+from .sog import ANTIALIASED
 
 ENTRIES, BINS, ROUNDS = 256, 1 << 16, 12
 """Entries of a codebook, bins of the histogram behind it, and rounds of Lloyd's method, after which steps are small."""
@@ -86,6 +87,7 @@ def sog_files(splats: Splats, path: str = "splats", shapes: Shapes = lambda spla
         "version": 2,
         "asset": {"generator": f"splat2mesh {VERSION}"},
         "count": len(splats),
+        **({"model": ANTIALIASED} if splats.facts.antialiased else {}),
         **json.loads(files.pop(SHAPE)),
         "sh0": {"codebook": color_book, "files": ["sh0.webp"]},
     }

@@ -1,42 +1,48 @@
 """Niantic's `.spz`, versions 2 and 3 (one gzip stream) and 4 (one zstd stream for each attribute).
 
 After the header come six arrays: positions (24-bit fixed point), alphas, colours, log scales, rotations and the other
-harmonics. The file is y-up (right, up, back); the resulting Splats are in the frame of a PLY (right, down, front).
-Source: github.com/nianticlabs/spz, load-spz.cc.
+harmonics. The file is y-up (right, up, back), unless a record of its extensions says otherwise; the resulting Splats
+are in the frame of a PLY (right, down, front). Records stand at the end of versions 2 and 3, after the header of 4.
+Source: github.com/nianticlabs/spz, load-spz.cc, extensions/README.md.
 """
 
 import itertools
 import os
 import struct
 import sys
+import warnings
 import zlib
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...base.errors import InputError
+from ...base.errors import DataWarning, InputError
 from ...base.inputs import check_count, file_size
-from ...base.outputs import staged_file
+from ..facts import FileFacts
+from ..placing import reframed
 from ..splats import Splats
-from .encoding import hide_unusable, levels, restore_largest, smallest_three, warn_clipped
+from .encoding import restore_largest, warn_beyond
 
 AnyPath: TypeAlias = str | os.PathLike[str]
 
 MAGIC = b"NGSP"
-_HEADER = struct.Struct("<4sIIBBBB")
+HEADER = struct.Struct("<4sIIBBBB")
+_V4_HEADER_BYTES = 32
 _V4_STREAMS_AT = struct.Struct("<I")
 _V4_STREAM = struct.Struct("<QQ")
 # Turning about x by 180 degrees, (x, -y, -z), flips the harmonics that are odd in y and z together.
-_FLIPPED = np.array([1, -1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1], np.float32)
-_COLOR_SCALE = 0.15  # a coefficient of 1 moves a colour byte by this share of its range
-_WRITTEN_VERSION = 3  # the latest that comes as gzip, which every reader knows
-_LARGEST_INT24 = (1 << 23) - 1
-_MOST_FRACTION_BITS = 24
-_USUAL_FRACTION_BITS = 12  # of Niantic's own writer
-_FAR_SHARE = 0.001  # of the splats, which may be clipped rather than coarsen all others below the usual
-_GZIP = 31  # window bits of zlib that make its stream a gzip one, with no name and no date in its header
+FLIPPED = np.array([1, -1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1], np.float32)
+COLOR_SCALE = 0.15  # a coefficient of 1 moves a colour byte by this share of its range
+ANTIALIASED, _HAS_RECORDS = 1, 2  # flags of the header
+_RECORD = struct.Struct("<II")
+_LARGEST_RECORDS = 1 << 20  # bytes of all of them; those that are known take 12 and 20
+_AXES_RECORD = 0xADBE0003  # SPZ_ADOBE_coordinate_system
+_AXES = "RUB LDB RDB LUB RUB LDF RDF LUF RUF LFD RFD LFU RFU LBD RBD LBU RBU".split()  # by its value; 0 says nothing
+_DIRECTIONS = {"R": (1, 0, 0), "L": (-1, 0, 0), "D": (0, 1, 0), "U": (0, -1, 0), "F": (0, 0, 1), "B": (0, 0, -1)}
+_MOST_DEGREE, _READ_DEGREE = 4, 3
+GZIP = 31  # window bits of zlib that make its stream a gzip one, with no name and no date in its header
 
 
 def read(path: AnyPath) -> Splats:
@@ -57,116 +63,81 @@ def read(path: AnyPath) -> Splats:
         When it is no SPZ, too new, damaged or cut short.
     """
     file_size(path, "splat file")
-    data = Path(path).read_bytes()
-    try:
-        header, sections = (_open_v4 if data.startswith(MAGIC) else _open_gzip)(path, data)
-    except (zlib.error, struct.error) as error:
-        raise InputError(f"{path}: the SPZ stream is damaged ({error}): copy or export it again") from error
-    return _decode(header, sections)
+    return read_bytes(path, Path(path).read_bytes())
 
 
-def write(path: AnyPath, splats: Splats) -> None:
-    """Write an SPZ of version 3, row i being splat i; the file appears only once it is complete.
+def read_bytes(path: AnyPath, data: bytes) -> Splats:
+    """Read an SPZ that lies in another file.
 
     Parameters
     ----------
     path : path
-    splats : Splats
-        In the frame of a PLY.
+        Of that file, for messages.
+    data : bytes
+
+    Returns
+    -------
+    Splats
+
+    Raises
+    ------
+    InputError
+        As `read` does.
 
     Warns
     -----
     DataWarning
-        About splats, positions and harmonics that the format cannot hold.
-
-    Notes
-    -----
-    Positions get as many fraction bits as their reach leaves, so that those of an SPZ come back exactly.
+        About records of extensions that are left out, and harmonics beyond the third degree.
     """
-    splats, _ = hide_unusable(splats, path)
-    bits = _fraction_bits(np.abs(splats.means).max(axis=1))
-    fixed = np.rint(splats.means.astype(np.float64) * [1, -1, -1] * (1 << bits))
-    warn_clipped(np.abs(fixed) > _LARGEST_INT24, path, "positions")
-    fixed = np.clip(fixed, -_LARGEST_INT24, _LARGEST_INT24).astype("<i4")
-    scale_log = np.log(np.maximum(splats.scales, np.finfo(np.float32).tiny))
-    sh = splats.sh * _FLIPPED[: splats.sh.shape[1], None]
-    color, rest = sh[:, 0] * _COLOR_SCALE + 0.5, np.rint(sh[:, 1:] * 128 + 128)
-    # Half a step beyond the last level still rounds to it.
-    warn_clipped(np.abs(color - 0.5) > 0.5 + 0.5 / 255, path, "colours")
-    warn_clipped((rest < 0) | (rest > 256), path, "harmonics beyond +-1")  # 256, which is 1, is off by a single step
-    sections = (
-        fixed.view(np.uint8).reshape(len(splats), 3, 4)[..., :3],
-        levels(splats.opacities, 8),
-        levels(color, 8),
-        np.clip(np.rint((scale_log + 10) * 16), 0, 255),
-        _packed_rotations(splats.quats_wxyz[:, [1, 2, 3, 0]] * np.array([1, -1, -1, 1], np.float32)),
-        np.clip(rest, 0, 255),
-    )
-    header = _HEADER.pack(MAGIC, _WRITTEN_VERSION, len(splats), splats.degree, bits, 0, 0)
-    deflate = zlib.compressobj(9, zlib.DEFLATED, _GZIP)
-    with staged_file(path) as staging, open(staging, "wb") as file:
-        file.write(deflate.compress(header))
-        for section in sections:
-            file.write(deflate.compress(section.astype(np.uint8).tobytes()))
-        file.write(deflate.flush())
-
-
-def _fraction_bits(reach: NDArray[np.float32]) -> int:
-    """Bits after the point of positions whose largest coordinates are `reach`: (N,) -> int."""
-    bits = _bits_for(reach.max())
-    if bits < _USUAL_FRACTION_BITS:
-        most = np.quantile(reach, 1 - _FAR_SHARE, method="higher")
-        bits = min(_bits_for(most), _USUAL_FRACTION_BITS)
-    return bits
-
-
-def _bits_for(largest: np.floating[Any]) -> int:
-    with np.errstate(divide="ignore"):
-        return int(np.clip(np.floor(np.log2(_LARGEST_INT24 / np.float64(largest))), 0, _MOST_FRACTION_BITS))
-
-
-def _packed_rotations(quats_xyzw: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """Version 3, as `_quats_xyzw` reads it: (N, 4) -> (N, 4) uint8."""
-    small, largest = smallest_three(quats_xyzw)
-    packed = largest.astype("<u4")
-    for part in small.T:
-        packed = packed << 10 | (part < 0).astype("<u4") << 9 | levels(np.abs(part) * np.sqrt(2), 9)
-    return np.ascontiguousarray(packed, "<u4")[:, None].view(np.uint8)
+    try:
+        header, sections, records = (_open_v4 if data.startswith(MAGIC) else _open_gzip)(path, data)
+    except (zlib.error, struct.error) as error:
+        raise InputError(f"{path}: the SPZ stream is damaged ({error}): copy or export it again") from error
+    axes = _axes(path, records)
+    if header.degree > _READ_DEGREE:
+        warn_beyond(path, header.count, header.degree)
+    facts = FileFacts(True if header.flags & ANTIALIASED else None, frame=_frame(axes))
+    splats = _decode(header, sections, facts)
+    turn = np.transpose([_DIRECTIONS[letter] for letter in axes or "RUB"]) * np.array([1, -1, -1])
+    return reframed(splats, turn)
 
 
 class _Header:
     def __init__(self, path: AnyPath, data: bytes, versions: tuple[int, ...]) -> None:
-        magic, self.version, self.count, degree, self.fraction_bits, _, self.last = _HEADER.unpack_from(data)
+        magic, self.version, self.count, degree, self.fraction_bits, self.flags, self.last = HEADER.unpack_from(data)
         if magic != MAGIC:
             raise InputError(f"{path} is compressed, but holds no SPZ data: expected the mark {MAGIC!r}")
         if self.version not in versions:
             raise InputError(f"{path}: SPZ version {self.version} is not supported: expected 2, 3 or 4")
-        if degree > 3 or self.fraction_bits > 24:
+        if degree > _MOST_DEGREE or self.fraction_bits > 24:
             raise InputError(
-                f"{path}: expected SH degree 0 to 3 and at most 24 fraction bits, "
+                f"{path}: expected SH degree 0 to {_MOST_DEGREE} and at most 24 fraction bits, "
                 f"found {degree} and {self.fraction_bits}"
             )
         if self.count == 0:
             raise InputError(f"{path} holds no splats: its header counts 0")
-        self.k = (degree + 1) ** 2
+        self.degree, self.k = degree, (degree + 1) ** 2
         # Bytes a splat takes in each section.
         self.widths = [9, 1, 3, 3, 3 if self.version == 2 else 4, 3 * (self.k - 1)]
 
 
-def _open_gzip(path: AnyPath, data: bytes) -> tuple[_Header, list[bytes]]:
-    inflate = zlib.decompressobj(wbits=_GZIP)
-    header = _Header(path, inflate.decompress(data, _HEADER.size), (2, 3))
+def _open_gzip(path: AnyPath, data: bytes) -> tuple[_Header, list[bytes], bytes]:
+    inflate = zlib.decompressobj(wbits=GZIP)
+    header = _Header(path, inflate.decompress(data, HEADER.size), (2, 3))
     check_count(path, header.count, len(data))
     expected = header.count * sum(header.widths)
     # Bounded by what the header announces, so that a damaged stream cannot fill the memory.
     body = inflate.decompress(inflate.unconsumed_tail, expected)
     _check_size(path, "data", len(body), expected)
+    records = b""
+    if header.flags & _HAS_RECORDS:
+        records = inflate.decompress(inflate.unconsumed_tail, _LARGEST_RECORDS)
     surplus = inflate.decompress(inflate.unconsumed_tail, 1)  # reaches the checksum: raises when it disagrees
     if surplus or not inflate.eof or inflate.unused_data:
         what = "lacks the end of its stream" if not (surplus or inflate.eof) else "holds more than its header announces"
         raise InputError(f"{path} is damaged: it {what}: copy or export it again")
     ends = np.cumsum([0, *header.widths]) * header.count
-    return header, [body[a:b] for a, b in itertools.pairwise(ends)]
+    return header, [body[a:b] for a, b in itertools.pairwise(ends)], records
 
 
 def _unpacked(packed: bytes, most: int) -> bytes:
@@ -191,17 +162,23 @@ def _unpacked(packed: bytes, most: int) -> bytes:
     return bytes(content)
 
 
-def _open_v4(path: AnyPath, data: bytes) -> tuple[_Header, list[bytes]]:
+def _table_v4(path: AnyPath, data: bytes) -> tuple[_Header, int, list[tuple[int, int]]]:
+    """The header, the byte at which the table of streams begins, and their sizes, packed and unpacked."""
     header = _Header(path, data, (4,))
     check_count(path, header.count, len(data))
-    widths = [width for width in header.widths if width]
-    if header.last != len(widths):
-        raise InputError(f"{path}: expected {len(widths)} SPZ streams, found {header.last}")
-    (table,) = _V4_STREAMS_AT.unpack_from(data, _HEADER.size)
-    start = table + len(widths) * _V4_STREAM.size
+    count = sum(width > 0 for width in header.widths)
+    if header.last != count:
+        raise InputError(f"{path}: expected {count} SPZ streams, found {header.last}")
+    (table,) = _V4_STREAMS_AT.unpack_from(data, HEADER.size)
+    return header, table, [_V4_STREAM.unpack_from(data, table + i * _V4_STREAM.size) for i in range(count)]
+
+
+def _open_v4(path: AnyPath, data: bytes) -> tuple[_Header, list[bytes], bytes]:
+    header, table, sizes = _table_v4(path, data)
+    start = table + len(sizes) * _V4_STREAM.size
     sections: list[bytes] = []
-    for i, width in enumerate(widths):
-        packed_size, size = _V4_STREAM.unpack_from(data, table + i * _V4_STREAM.size)
+    for i, (packed_size, size) in enumerate(sizes):
+        width = header.widths[i]
         _check_size(path, f"stream {i}", size, header.count * width)
         packed = data[start : start + packed_size]
         _check_size(path, f"stream {i}", len(packed), packed_size)
@@ -215,7 +192,37 @@ def _open_v4(path: AnyPath, data: bytes) -> tuple[_Header, list[bytes]]:
         raise InputError(
             f"{path} is damaged: {len(data) - start} bytes follow its last stream: copy or export it again"
         )
-    return header, sections + [b""] * (6 - len(sections))
+    records = data[_V4_HEADER_BYTES:table] if header.flags & _HAS_RECORDS else b""
+    return header, sections + [b""] * (6 - len(sections)), records
+
+
+def _axes(path: AnyPath, records: bytes) -> str | None:
+    """The axes that the records of extensions state: three letters of _DIRECTIONS, or None."""
+    axes, left, start = None, [], 0
+    while start + _RECORD.size <= len(records):
+        kind, size = _RECORD.unpack_from(records, start)
+        content = records[start + _RECORD.size : start + _RECORD.size + size]
+        start += _RECORD.size + size
+        if kind == _AXES_RECORD and size == len(content) == 4 and int.from_bytes(content, "little") < len(_AXES):
+            axes = _AXES[int.from_bytes(content, "little")]
+        else:
+            left.append(f"{kind:#010x}")
+    if start != len(records):
+        raise InputError(f"{path} is damaged: a record of its SPZ extensions goes beyond their end: export it again")
+    if left:
+        warnings.warn(
+            f"{path}: left out {len(left)} records of SPZ extensions, which are not read: {', '.join(left[:4])}",
+            DataWarning,
+            stacklevel=3,
+        )
+    return axes
+
+
+def _frame(axes: str | None) -> str:
+    words = {"R": "right", "L": "left", "U": "up", "D": "down", "F": "front", "B": "back"}
+    if axes is None:
+        return ""
+    return f"{', '.join(words[letter] for letter in axes)}, by its record SPZ_ADOBE_coordinate_system"
 
 
 def _check_size(path: AnyPath, what: str, found: int, expected: int) -> None:
@@ -223,19 +230,21 @@ def _check_size(path: AnyPath, what: str, found: int, expected: int) -> None:
         raise InputError(f"{path} is damaged: its SPZ {what} should take {expected} bytes, found {found}")
 
 
-def _decode(header: _Header, sections: list[bytes]) -> Splats:
+def _decode(header: _Header, sections: list[bytes], facts: FileFacts) -> Splats:
     n = header.count
     positions, alphas, colors, scales, rotations, rest = (
         np.frombuffer(section, np.uint8).reshape(n, width)
         for section, width in zip(sections, header.widths, strict=True)
     )
-    sh = np.zeros((n, header.k, 3), np.float32)
-    sh[:, 0] = (colors / np.float32(255) - 0.5) / _COLOR_SCALE
-    sh[:, 1:] = (rest.reshape(n, -1, 3) - np.float32(128)) / 128
-    sh *= _FLIPPED[: header.k, None]
+    k = min(header.k, len(FLIPPED))
+    sh = np.zeros((n, k, 3), np.float32)
+    sh[:, 0] = (colors / np.float32(255) - 0.5) / COLOR_SCALE
+    sh[:, 1:] = (rest.reshape(n, -1, 3)[:, : k - 1] - np.float32(128)) / 128
+    sh *= FLIPPED[:k, None]
     means = _int24(positions) / np.float32(1 << header.fraction_bits) * np.array([1, -1, -1], np.float32)
     quats_wxyz = _quats_xyzw(rotations)[:, [3, 0, 1, 2]] * np.array([1, 1, -1, -1], np.float32)
-    return Splats(means, np.exp(scales / np.float32(16) - 10), quats_wxyz, alphas[:, 0] / np.float32(255), sh)
+    opacities = alphas[:, 0] / np.float32(255)
+    return Splats(means, np.exp(scales / np.float32(16) - 10), quats_wxyz, opacities, sh, facts=facts)
 
 
 def _int24(data: NDArray[np.uint8]) -> NDArray[np.int32]:

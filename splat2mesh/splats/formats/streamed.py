@@ -48,29 +48,8 @@ class Streamed:
     environment: Path | None
 
     def level(self, lod: int | str = "auto") -> int:
-        """Return the number of the level that `lod` names.
-
-        Parameters
-        ----------
-        lod : int or "auto"
-            "auto" is the finest of at most `SPLAT_BUDGET` splats, or the coarsest where every level is over the budget.
-
-        Returns
-        -------
-        int
-
-        Raises
-        ------
-        InputError
-            For a level without splats.
-        """
-        filled = [level for level, count in enumerate(self.counts) if count]
-        if lod == "auto":
-            return next((level for level in filled if self.counts[level] <= SPLAT_BUDGET), filled[-1])
-        if lod not in filled:
-            sizes = ", ".join(f"{level} ({self.counts[level]:,} splats)" for level in filled)
-            raise InputError(f"`lod` {lod}: {self.path} has the levels {sizes}")
-        return lod
+        """Return the number of the level that `lod` names, as `level_of` does."""
+        return level_of(self.path, self.counts, lod)
 
     def check_tiles(self, level: int) -> None:
         """Check that every tile of a level is there and says that it holds the splats it should.
@@ -91,6 +70,36 @@ class Streamed:
             raise InputError(f"{which} missing, named by {self.path} for level {level}: copy the whole folder")
         for path, count in tiles.items():
             check_count(path, _announced(path), count, self.path)
+
+
+def level_of(path: Path, counts: tuple[int, ...], lod: int | str) -> int:
+    """Return the number of the level that `lod` names.
+
+    Parameters
+    ----------
+    path : Path
+        For the message.
+    counts : tuple of int
+        The splats of each level.
+    lod : int or "auto"
+        "auto" is the finest of at most `SPLAT_BUDGET` splats, or the coarsest where every level is over the budget.
+
+    Returns
+    -------
+    int
+
+    Raises
+    ------
+    InputError
+        For a level without splats.
+    """
+    filled = [level for level, count in enumerate(counts) if count]
+    if lod == "auto":
+        return next((level for level in filled if counts[level] <= SPLAT_BUDGET), filled[-1])
+    if not isinstance(lod, int) or lod not in filled:
+        sizes = ", ".join(f"{level} ({counts[level]:,} splats)" for level in filled)
+        raise InputError(f"`lod` {lod}: {path} has the levels {sizes}")
+    return lod
 
 
 def check_count(path: Path, found: int | None, expected: int, meta_path: Path) -> None:

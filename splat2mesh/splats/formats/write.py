@@ -1,19 +1,12 @@
 """Splat files out, in each format that has a writer."""
 
 import os
-from collections.abc import Callable
 
 from ...base.errors import InputError
 from ..splats import Splats
-from . import compressed_ply, sog_writing, spz
-from .inria import write_inria_ply
+from .register import FORMATS, Writer
 
-WRITERS: dict[str, Callable[[str | os.PathLike[str], Splats], None]] = {
-    "ply": write_inria_ply,
-    "spz": spz.write,
-    "compressed.ply": compressed_ply.write,
-    "sog": sog_writing.write,
-}
+WRITERS: dict[str, Writer] = {each.kind: each.write for each in FORMATS if each.write is not None}
 """Writers by kind, which is also the suffix of the file; they take a path and Splats."""
 
 

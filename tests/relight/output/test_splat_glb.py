@@ -12,6 +12,7 @@ from splat_samples import make_splats
 from relight.output.splat_glb import EXTENSION, write_splat_glb
 from splat2mesh.base.errors import DataWarning
 from splat2mesh.scene.color import linear_from_srgb
+from splat2mesh.splats.formats import read_splats
 from splat2mesh.splats.placing import placed
 from splat2mesh.splats.splats import Splats
 
@@ -81,3 +82,13 @@ def test_damaged_and_hidden_splats_are_left_out_and_the_damaged_counted(tmp_path
         assert write_splat_glb(tmp_path / "a.glb", splats, np.eye(4)) == 18
     _, arrays = read(tmp_path / "a.glb")
     np.testing.assert_array_equal(arrays["POSITION"], np.delete(splats.means, [3, 7], axis=0))
+
+
+@pytest.mark.parametrize("degree", [0, 3])
+def test_the_package_reads_its_own_file(tmp_path, degree):
+    splats = make_splats(40, degree)
+    write_splat_glb(tmp_path / "a.glb", splats, TILT)
+    found, expected = read_splats(tmp_path / "a.glb"), placed(placed(splats, TILT), np.diag([1.0, -1, -1, 1]))
+    for name in ("means", "scales", "opacities", "sh"):
+        np.testing.assert_allclose(getattr(found, name), getattr(expected, name), atol=1e-6)
+    np.testing.assert_allclose(found.covariances(), expected.covariances(), atol=1e-6)

@@ -11,6 +11,7 @@ from relight.lamps.shapes import TubeLamp
 from relight.output.lamps_glb import PlacedLamps
 from relight.output.usd import FILE, LIGHT, SEEN_TO, write_usd
 from splat2mesh.base.errors import DataWarning
+from splat2mesh.splats.formats import read_splats
 from splat2mesh.splats.placing import placed
 
 pxr = pytest.importorskip("pxr", reason="usd-core is not installed")
@@ -132,3 +133,13 @@ def test_the_same_input_gives_the_same_bytes(written, tmp_path):
     write_usd(tmp_path, {"relit": splats, "albedo": bare}, scene, albedo, light, 0.7)
     for name in (FILE, LIGHT):
         assert (tmp_path / name).read_bytes() == (folder / name).read_bytes()
+
+
+def test_the_package_reads_the_look_that_its_own_file_shows(written):
+    folder, scene, _, splats, _, _ = written
+    found = read_splats(folder / FILE)
+    expected = placed(placed(splats, scene.scene_from_splat), np.diag([1.0, -1, -1, 1]))
+    for name in ("means", "scales", "opacities", "sh"):
+        np.testing.assert_allclose(getattr(found, name), getattr(expected, name), atol=2e-6)
+    np.testing.assert_allclose(found.covariances(), expected.covariances(), atol=2e-6)
+    assert found.facts.metres == 1.0

@@ -1,11 +1,16 @@
 """Files of relit splats: those of their source in all but the colours."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from coloured_ball import ball_splats, irradiances, sphere_scene
+from ply_samples import inria_columns, ply_bytes
 
+from relight.output.joined_splats import append_splats
 from relight.splats import relit, write_relit_ply
 from splat2mesh.base.errors import DataWarning, InputError
+from splat2mesh.splats.facts import FileFacts
 from splat2mesh.splats.formats import read_splats
 from splat2mesh.splats.formats.inria import write_inria_ply
 from splat2mesh.splats.formats.ply import Ply
@@ -56,3 +61,41 @@ def test_without_an_inria_source_the_file_is_the_standard_one(tmp_path):
     write_relit_ply(tmp_path / "a.ply", splats, tmp_path / "source.spz")
     write_inria_ply(tmp_path / "b.ply", splats)
     assert (tmp_path / "a.ply").read_bytes() == (tmp_path / "b.ply").read_bytes()
+
+
+def test_coordinates_in_double_and_tags_stay_as_they_are(tmp_path):
+    splats = replace(ball_splats(1, 60), facts=FileFacts(True, (0.0, 0.0, 1.0), "x", offset=(5e5, 5.4e6, 302.0)))
+    write_inria_ply(tmp_path / "source.ply", splats)
+    read = read_splats(tmp_path / "source.ply")
+    assert any(read.facts.offset) and read.facts.antialiased
+    write_relit_ply(tmp_path / "relit.ply", replace(read, sh=read.sh * 0.5), tmp_path / "source.ply")
+    before, after = (Ply.open(tmp_path / name).rows("vertex") for name in ("source.ply", "relit.ply"))
+    for name in "xyz":
+        assert after[name].dtype == np.float64
+        np.testing.assert_array_equal(after[name], before[name])
+    again = read_splats(tmp_path / "relit.ply")
+    assert again.facts == read.facts
+    np.testing.assert_array_equal(again.means, read.means)
+
+
+def test_the_filter_of_mip_splatting_is_written_as_it_was_folded_in(tmp_path):
+    splats = ball_splats(0, 40)
+    columns = inria_columns(splats) | {"filter_3D": np.full(40, 0.05)}
+    (tmp_path / "source.ply").write_bytes(ply_bytes(columns))
+    read = read_splats(tmp_path / "source.ply")
+    write_relit_ply(tmp_path / "relit.ply", read, tmp_path / "source.ply")
+    again = read_splats(tmp_path / "relit.ply")
+    np.testing.assert_allclose(again.scales, read.scales, rtol=1e-5)
+    np.testing.assert_allclose(again.opacities, read.opacities, rtol=1e-5)
+    assert (read.scales > splats.scales).all()
+
+
+def test_objects_join_a_file_of_doubles_where_they_stand(tmp_path):
+    place = replace(ball_splats(1, 30), facts=FileFacts(offset=(5e5, 5.4e6, 302.0)))
+    write_inria_ply(tmp_path / "a.ply", place)
+    append_splats(tmp_path / "a.ply", ball_splats(0, 20), place.facts)
+    found = read_splats(tmp_path / "a.ply")
+    assert len(found) == 50
+    whole = found.means.astype(np.float64) + found.facts.offset
+    expected = np.concatenate([place.means, ball_splats(0, 20).means]).astype(np.float64) + place.facts.offset
+    np.testing.assert_allclose(whole, expected, atol=1e-6)

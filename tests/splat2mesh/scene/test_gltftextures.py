@@ -9,8 +9,8 @@ from PIL import Image
 from textured_quads import FOUR, packed, textured, write_square
 
 from splat2mesh.base.errors import DataWarning, InputError
+from splat2mesh.base.gltf import GltfData
 from splat2mesh.scene.color import linear_from_srgb
-from splat2mesh.scene.gltf import GltfData
 from splat2mesh.scene.gltfmesh import placed_pieces, read_gltf
 from splat2mesh.scene.gltftextures import GREY, SPECULAR_GLOSSINESS, Textures, base_color
 
@@ -154,8 +154,8 @@ def test_alpha_is_linear_between_texels_and_colour_comes_from_what_is_not_cut(tm
     ],
 )
 def test_the_colour_of_a_material_in_both_models(material, factor, index):
+    from splat2mesh.base.gltf import Record
     from splat2mesh.base.inputs import loads
-    from splat2mesh.scene.gltf import Record
 
     if "pbrMetallicRoughness" not in material and material:
         material = {"extensions": {SPECULAR_GLOSSINESS: material}}
@@ -214,13 +214,13 @@ def test_copies_of_other_shapes_are_refused(tmp_path, copies, says):
 
 
 def test_more_copies_than_can_be_placed_are_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("splat2mesh.scene.gltfnodes.MOST_NODES", 3)
+    monkeypatch.setattr("splat2mesh.base.gltfnodes.MOST_NODES", 3)
     path = write_square(tmp_path / "a.glb", {}, copies={"TRANSLATION": np.zeros((4, 3))})
     with pytest.raises(InputError, match="are 4, expected at most 3"):
         read_gltf(path)
     monkeypatch.setattr("splat2mesh.scene.gltfmesh.FREE_CORNERS", 1)
     path = write_square(tmp_path / "b.glb", {}, copies={"SCALE": np.ones((3, 3))})
-    monkeypatch.setattr("splat2mesh.scene.gltf.GltfData.size", 1, raising=False)
+    monkeypatch.setattr("splat2mesh.base.gltf.GltfData.size", 1, raising=False)
     assert len(read_gltf(path).faces) == 2 * 3
 
 

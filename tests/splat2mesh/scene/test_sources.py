@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from random_meshes import random_mesh
-from splat_samples import assert_same, make_splats
+from splat_samples import assert_same, make_splats, tile_at
 
 from splat2mesh.base.errors import InputError
 from splat2mesh.scene.meshfile import write_mesh_ply
@@ -265,7 +265,8 @@ def test_a_source_that_is_none_is_refused_when_the_scene_is_loaded(work, source)
 def tile_folder(folder):
     """A folder of two tiles, and the path of the second."""
     write_ply(folder / "a.ply", 20)
-    return write_ply(folder / "b.ply", 30, degree=2)
+    write_splats(folder / "b.ply", tile_at(10, make_splats(30, 2)))
+    return folder / "b.ply"
 
 
 def test_a_folder_of_tiles_is_one_source_whose_every_file_counts(tmp_path, monkeypatch):

@@ -12,7 +12,7 @@ from splat2mesh.base.errors import InputError
 from splat2mesh.render.rasterize import rasterize
 from splat2mesh.render.view import View
 from splat2mesh.scene.mesh import Mesh
-from splat2mesh.splats.formats.spz import _FLIPPED
+from splat2mesh.splats.formats.spz import FLIPPED
 from splat2mesh.splats.joining import joined
 from splat2mesh.splats.placing import parts_of, placed, placed_mesh, sh_rotation_3dgs, similarity
 from splat2mesh.views.upright import scene_from_splat
@@ -90,7 +90,7 @@ def test_quarter_turns_are_exact_and_their_own_undoing(up):
     moved = placed(splats, matrix)
     np.testing.assert_array_equal(moved.means, (splats.means @ matrix[:3, :3].T).astype(np.float32))
     if up == "-y":
-        np.testing.assert_array_equal(moved.sh, splats.sh * _FLIPPED[:, None])
+        np.testing.assert_array_equal(moved.sh, splats.sh * FLIPPED[:, None])
     back = placed(moved, np.linalg.inv(matrix))
     np.testing.assert_array_equal(back.means, splats.means)
     np.testing.assert_allclose(back.sh, splats.sh, atol=1e-6)

@@ -1,13 +1,15 @@
 """The files of a city behind a URL are those of the folder."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from sog_samples import palette_splats, sog_parts, store_folder
-from splat_samples import make_splats
+from splat_samples import make_splats, tile_at
 
 from splat2mesh.base.errors import InputError
+from splat2mesh.splats.facts import FileFacts
 from splat2mesh.splats.formats import write_inria_ply
 from splat2mesh.tiles.pieces import pieces_of, read_piece, size_of
 
@@ -37,10 +39,10 @@ def assert_same_pieces(folder, lod="auto"):
 def tiles(tmp_path):
     (tmp_path / "tiles").mkdir()
     for number, name in enumerate(("b.ply", "a.ply")):
-        write_inria_ply(tmp_path / "tiles" / name, make_splats(20 + number, 1))
+        write_inria_ply(tmp_path / "tiles" / name, tile_at(10 * number, make_splats(20 + number, 1)))
     (tmp_path / "tiles" / "notes.txt").write_text("no splats")
     (tmp_path / "tiles" / "c").mkdir()
-    store_folder(tmp_path / "tiles" / "c", sog_parts(palette_splats(30, 0), 2))
+    store_folder(tmp_path / "tiles" / "c", sog_parts(tile_at(20, palette_splats(30, 0)), 2))
     return tmp_path / "tiles"
 
 
@@ -84,3 +86,19 @@ def test_missing_files_are_reported(tiles):
     (empty / "notes.txt").write_text("no splats")
     with pytest.raises(InputError, match="no splat file"):
         pieces_of(sent(empty))
+
+
+def test_pieces_of_a_georeferenced_city_share_one_offset(tmp_path, monkeypatch):
+    """Doubles of UTM, in two files and in ranges of rows: full detail, and one frame."""
+    monkeypatch.setattr("splat2mesh.tiles.pieces.PIECE_ROWS", 40)
+    whole = []
+    for number, offset in enumerate([(5e5, 5.4e6, 300.0), (5e5 + 20, 5.4e6, 301.0)]):
+        splats = replace(make_splats(70, 0, number), facts=FileFacts(offset=offset))
+        write_inria_ply(tmp_path / f"tile_{number}.ply", splats)
+        whole.append(splats.means.astype(np.float64) + offset)
+    pieces = pieces_of(str(tmp_path))
+    assert len(pieces) == 4 and len({piece.offset for piece in pieces}) == 1 and any(pieces[0].offset)
+    read = [read_piece(json.loads(json.dumps(piece))) for piece in pieces]
+    assert {each.facts.offset for each in read} == {pieces[0].offset}
+    found = np.concatenate([each.means for each in read]).astype(np.float64) + pieces[0].offset
+    np.testing.assert_allclose(found, np.concatenate(whole), atol=5e-6)

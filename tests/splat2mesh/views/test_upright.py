@@ -1,12 +1,16 @@
 """The rotation into the y-up scene frame, chosen by hand or read off the cameras."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from splat_samples import make_splats
 
 from splat2mesh.base.errors import InputError
 from splat2mesh.render.view import View
-from splat2mesh.views.upright import UP_CHOICES, scene_from_splat, up_from_cameras
+from splat2mesh.splats.facts import FileFacts
+from splat2mesh.views.upright import UP_CHOICES, scene_from_splat, up_from_cameras, upright
 
 AXES = {"+y": [0, 1, 0], "-y": [0, -1, 0], "+z": [0, 0, 1], "-z": [0, 0, -1]}
 
@@ -102,3 +106,15 @@ def test_auto_with_cameras_of_a_nearly_upright_world_changes_little():
 def test_an_explicit_up_wins_over_the_cameras():
     views = orbit(world=Rotation.random(random_state=3).as_matrix())
     np.testing.assert_array_equal(scene_from_splat("+z", views), scene_from_splat("+z"))
+
+
+def test_auto_takes_what_the_file_says_after_the_cameras_and_before_the_floor():
+    facts = FileFacts(up=(0.0, 0.0, 1.0), up_from="'Vertical axis: z'")
+    splats = replace(make_splats(50, 0), facts=facts)
+    matrix, source = upright("auto", (), splats)
+    np.testing.assert_allclose(matrix, scene_from_splat("+z"), atol=1e-12)
+    assert source == "the file, by 'Vertical axis: z'"
+    assert upright("auto", orbit(), splats)[1] == "the cameras"
+    assert upright("-y", (), splats)[1] == "asked for"
+    tilted = replace(splats, facts=replace(facts, up=(0.6, 0.0, 0.8)))
+    np.testing.assert_allclose(upright("auto", (), tilted)[0][:3, :3] @ [0.6, 0, 0.8], [0, 1, 0], atol=1e-12)

@@ -7,6 +7,7 @@ from dataclasses import replace
 import gsply
 import numpy as np
 import pytest
+from ply_samples import inria_columns, ply_bytes
 from splat_samples import assert_same, make_splats, store
 
 from splat2mesh.base.errors import DataWarning, InputError
@@ -17,36 +18,6 @@ from splat2mesh.splats.formats.inria import SURFEL_THICKNESS
 # A logit or log scale of magnitude up to 16 is stored with an error of 16 * 2^-24 = 1e-6, which exp turns
 # into a relative one.
 STORED = 1.5e-6
-
-
-def inria_columns(splats):
-    """Name -> (N,) float32 of the INRIA layout, written out coefficient by coefficient."""
-    rest = splats.sh.shape[1] - 1
-    columns = dict(zip("xyz", splats.means.T, strict=True))
-    columns |= {f"f_dc_{c}": splats.sh[:, 0, c] for c in range(3)}
-    for c in range(3):
-        columns |= {f"f_rest_{c * rest + j}": splats.sh[:, 1 + j, c] for j in range(rest)}
-    columns["opacity"] = np.log(splats.opacities / (1 - splats.opacities))
-    columns |= {f"scale_{i}": np.log(splats.scales[:, i]) for i in range(3)}
-    return columns | {f"rot_{i}": splats.quats_wxyz[:, i] for i in range(4)}
-
-
-def ply_bytes(columns, order="<", kinds=None, before="", after="", newline="\n"):
-    """A PLY of one vertex element. order: "<", ">" or "ascii". kinds: property -> type if not float."""
-    kinds = {name: (kinds or {}).get(name, "float") for name in columns}
-    codes = {"float": "f4", "double": "f8", "int": "i4", "uchar": "u1", "short": "i2", "uint": "u4"}
-    format = {"<": "binary_little_endian", ">": "binary_big_endian", "ascii": "ascii"}[order]
-    n = len(next(iter(columns.values())))
-    header = ["ply", f"format {format} 1.0", "comment end_header", *before.split("\n"), f"element vertex {n}"]
-    header += [f"property {kinds[name]} {name}" for name in columns] + after.split("\n") + ["end_header"]
-    text = newline.join(line for line in header if line) + newline
-    if order == "ascii":
-        rows = zip(*columns.values(), strict=True)
-        return (text + "".join(" ".join(f"{v:.9g}" for v in row) + newline for row in rows)).encode()
-    rows = np.zeros(n, [(name, order + codes[kinds[name]]) for name in columns])
-    for name, values in columns.items():
-        rows[name] = values
-    return text.encode() + rows.tobytes()
 
 
 @pytest.mark.parametrize("degree", range(4))
@@ -218,20 +189,20 @@ HUGE = b"9" * 30
         ("a.ply", GOOD.replace(b"float y", b"float x"), "makes no sense: 'property float x'"),
         ("a.ply", GOOD.replace(b"float x", b"list uchar int x"), "list properties"),
         ("a.ply", GOOD.replace(b"format binary_little_endian 1.0\n", b""), "no format line"),
-        ("a.ply", GOOD.replace(b" f_rest_8", b" f_rest_9"), "expected 0, 9, 24 or 45"),
+        ("a.ply", GOOD.replace(b" f_rest_8", b" f_rest_9"), "expected 0, 9, 24, 45 or 72"),
         ("a.ply", b"ply\n" + b"x" * (2 << 20), "no end_header"),
         ("a.ply", b"ply\n" + b"comment\n" * (1 << 18), "no end_header"),
         ("a.ply", ply_bytes({"x": np.zeros(3)}).replace(b"vertex 3", b"vertex " + HUGE), "lack"),
         ("a.ply", GOOD_ASCII.replace(b"vertex 12", b"vertex " + HUGE), "cut short"),
         ("a.ply", GOOD_ASCII.replace(b"-", b"z"), "does not fit its header"),
         ("a.bin", b"\x00\x01\x02\x03" * 20, "is not a splat file"),
-        ("a.glb", b"glTF" + bytes(60), r"starts with b'glTF"),
+        ("a.glb", b"glTF" + bytes(60), "glTF 0 is not supported"),
         ("a.splat", bytes(31), "is cut short: a .splat record takes 32 bytes, found 31"),
-        ("a.splat", b"hello world, this is no splat..\n" * 9, "do not have unit length"),
+        ("a.splat", b"hello world, this is no splat..\n" * 9, "hold no place and no size"),
         ("a.spz", gzip.compress(GOOD, mtime=0), "holds no SPZ data"),
         ("a.spz", gzip.compress(b"NGSP", mtime=0), "is damaged"),
         ("a.spz", gzip.compress(struct.pack("<4sIIBBBB", b"NGSP", 9, 5, 0, 12, 0, 0), mtime=0), "SPZ version 9"),
-        ("a.spz", gzip.compress(struct.pack("<4sIIBBBB", b"NGSP", 3, 5, 7, 12, 0, 0), mtime=0), "SH degree 0 to 3"),
+        ("a.spz", gzip.compress(struct.pack("<4sIIBBBB", b"NGSP", 3, 5, 7, 12, 0, 0), mtime=0), "SH degree 0 to 4"),
         ("a.spz", gzip.compress(struct.pack("<4sIIBBBB", b"NGSP", 3, 0, 0, 12, 0, 0), mtime=0), "holds no splats"),
         ("a.spz", gzip.compress(struct.pack("<4sIIBBBB", b"NGSP", 3, 1 << 31, 0, 12, 0, 0), mtime=0), "is damaged"),
         ("a.sog", b"PK\x03\x04 and then nonsense", "damaged zip"),

@@ -12,6 +12,8 @@ from splat_samples import assert_same, make_splats, store
 from turned_splats import turned_y_up
 
 from splat2mesh.base.errors import DataWarning, InputError
+from splat2mesh.splats.cleaning import clean
+from splat2mesh.splats.facts import NO_FACTS
 from splat2mesh.splats.formats import read_splats
 from splat2mesh.splats.formats.spz import _unpacked
 
@@ -140,5 +142,18 @@ def test_dotsplat(tmp_path):
     np.testing.assert_allclose(found.colors_diffuse, np.clip(splats.colors_diffuse, 0, 1), atol=0.51 / 255)
     np.testing.assert_allclose(found.opacities, splats.opacities, atol=0.51 / 255)
     np.testing.assert_allclose(found.quats_wxyz, splats.quats_wxyz, atol=1 / 64)
+    assert read_splats(tmp_path / "a.splat").facts == NO_FACTS
     with pytest.warns(DataWarning, match="ignored 7 bytes"):
         assert_same(read_splats(store(tmp_path, "b.splat", splat_bytes(splats) + bytes(7))), found)
+
+
+def test_quaternions_of_a_dotsplat_may_have_any_length(tmp_path):
+    """Two public files hold 255 255 255 255: a turn about the diagonal. Zero ones are dropped and counted."""
+    splats = make_splats(50, 0)
+    data = bytearray(splat_bytes(splats))
+    for row in range(50):
+        data[32 * row + 28 : 32 * row + 32] = bytes([128] * 4 if row < 5 else [255] * 4)
+    found = read_splats(store(tmp_path, "a.splat", bytes(data)))
+    np.testing.assert_allclose(found.quats_wxyz[5:], 0.5)
+    with pytest.warns(DataWarning, match="dropped splats: 5 with a zero quaternion"):
+        assert len(clean(found)[0]) == 45

@@ -4,7 +4,7 @@ import tracemalloc
 
 import pytest
 from sog_samples import palette_splats, sog_parts, store_folder
-from splat_samples import assert_same, make_splats
+from splat_samples import assert_same, make_splats, tile_at
 
 from splat2mesh.base.errors import InputError
 from splat2mesh.splats.formats import kind_of, read_splats, write_splats
@@ -14,12 +14,12 @@ from splat2mesh.splats.splats import NUMBERS
 
 @pytest.fixture
 def tiles(tmp_path):
-    """A folder of three tiles of different kinds and degrees, and other things beside them."""
+    """A folder of three tiles, side by side, of different kinds and degrees, and other things beside them."""
     folder = tmp_path / "yard"
     (folder / "c_sog").mkdir(parents=True)
-    write_splats(folder / "b.ply", make_splats(40, 0, 1))
+    write_splats(folder / "b.ply", tile_at(10, make_splats(40, 0, 1)))
     write_splats(folder / "A.compressed.ply", make_splats(30, 3, 2), "compressed.ply")
-    store_folder(folder / "c_sog", sog_parts(palette_splats(50, 2), 2))
+    store_folder(folder / "c_sog", sog_parts(tile_at(20, palette_splats(50, 2)), 2))
     (folder / "README.txt").write_text("three tiles")
     (folder / "pictures").mkdir()
     return folder
@@ -42,9 +42,9 @@ def test_one_unreadable_tile_is_named_and_not_skipped(tiles, name):
 def test_a_folder_without_splats_and_levels_without_their_meta_are_refused(tmp_path):
     with pytest.raises(InputError, match="no splat file lies in it"):
         read_splats(tmp_path)
-    for name in ("0_0", "0_1", "1_0"):
+    for number, name in enumerate(("0_0", "0_1", "1_0")):
         (tmp_path / name).mkdir()
-        store_folder(tmp_path / name, sog_parts(palette_splats(20, 0), 2))
+        store_folder(tmp_path / name, sog_parts(tile_at(10 * number, palette_splats(20, 0)), 2))
     with pytest.raises(InputError, match=r"tiles of 2 levels of detail but no lod-meta\.json"):
         read_splats(tmp_path)
     (tmp_path / "1_0").rename(tmp_path / "0_2")
@@ -62,8 +62,8 @@ def test_levels_of_one_capture_side_by_side_are_not_put_together(tmp_path, names
 
 
 def test_files_of_two_levels_are_not_put_together_and_names_that_only_look_like_it_are(tmp_path):
-    for name in ("explodes_1.ply", "lodge.ply", "melod3.ply", "lod2.ply"):
-        write_splats(tmp_path / name, make_splats(20, 0, 1))
+    for number, name in enumerate(("explodes_1.ply", "lodge.ply", "melod3.ply", "lod2.ply")):
+        write_splats(tmp_path / name, tile_at(10 * number, make_splats(20, 0, 1)))
     assert len(read_splats(tmp_path)) == 80
     write_splats(tmp_path / "a_lod0.ply", make_splats(20, 0, 1))
     with pytest.raises(InputError, match=r"give one of them, such as .*a_lod0\.ply"):

@@ -4,7 +4,7 @@ import os
 import subprocess
 import sys
 
-from splat2mesh.base.errors import InputError
+from .errors import InputError
 
 FREE_BYTES, BYTES_PER_BYTE = 1 << 30, 32
 """Memory that a file may take to open: so much, and as much for each of its bytes. Arrays unpack to some 4 times."""
@@ -27,7 +27,7 @@ except (ImportError, OSError, ValueError):
 try:
     stage = Usd.Stage.Open(sys.argv[1])
     for prim in stage.Traverse(Usd.TraverseInstanceProxies()):
-        if prim.HasAPI(UsdLux.LightAPI):
+        if prim.HasAPI(UsdLux.LightAPI) or prim.GetTypeName() == "ParticleField3DGaussianSplat":
             for attribute in prim.GetAttributes():
                 attribute.Get()
 except Tf.ErrorException as error:

@@ -6,11 +6,11 @@ from attack_samples import _glb
 from scipy.spatial.transform import Rotation
 
 from splat2mesh.base.errors import InputError
+from splat2mesh.base.gltf import FAN, STRIP, TRIANGLES, GltfData, entry, triangles
+from splat2mesh.base.gltfnodes import matrix_from_trs
 from splat2mesh.scene.color import linear_from_srgb
 from splat2mesh.scene.glb import Glb
-from splat2mesh.scene.gltf import FAN, STRIP, TRIANGLES, GltfData, entry, triangles
 from splat2mesh.scene.gltfmesh import read_gltf
-from splat2mesh.scene.gltfnodes import matrix_from_trs
 from splat2mesh.scene.proxy_glb import proxy_glb
 
 POINTS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], np.float32)

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.errors import DataWarning, InputError
-from ..base.inputs import file_size, inside, loads, reading
+from .errors import DataWarning, InputError
+from .inputs import file_size, inside, loads, reading
 
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
@@ -32,6 +32,9 @@ HARMLESS = (
     *("KHR_materials_", "KHR_texture_", "EXT_texture_", "MSFT_texture_", "KHR_lights_"),
 )
 """Extensions, or how their names begin, that a file may require: two are read, the others concern no shape."""
+
+SPLATS, SPZ_DRAFT = "KHR_gaussian_splatting", "KHR_spz_"
+"""Extension of Gaussian splats, with which those begin that it is compressed by, and how the drafts of these begin."""
 
 MOST_NODES = 100_000
 """Which take half a minute to place."""
@@ -84,7 +87,7 @@ class GltfData:
         packed = [name for name in required if name in UNREADABLE]
         if packed:
             raise InputError(f"{self.path}: needs {', '.join(packed)}, which is not read; export it uncompressed")
-        unknown = [name for name in required if not name.startswith(HARMLESS)]
+        unknown = [name for name in required if not name.startswith((*HARMLESS, SPLATS, SPZ_DRAFT))]
         if unknown:
             raise InputError(f"{self.path}: needs {', '.join(unknown)}, which is not read; export it without")
         self._buffers: dict = {}
@@ -228,7 +231,7 @@ class GltfData:
         Parameters
         ----------
         image : Record
-            An entry of `document.images`.
+            An entry of `document.images`, or what names a `bufferView` alone.
 
         Returns
         -------

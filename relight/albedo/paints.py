@@ -23,7 +23,7 @@ OUTLIER = 0.5
 """Deviation of log colour within a material that counts half."""
 
 
-class Materials(NamedTuple):
+class Paints(NamedTuple):
     """N places in groups. group: (N,) numbers from 0. weight: (N,), outliers less. total: (G,) weight of each. colors:
     (N,) log luminance less the mean of its group. own: its weighted square."""
 
@@ -46,8 +46,8 @@ class Materials(NamedTuple):
         return np.asarray(across**2 / np.maximum(self.own * (self.weight @ light**2), 1e-12))
 
 
-def materials_of(log_captured: NDArray[np.float64], normals: Floats) -> Materials:
-    """The Materials of places with log colours and normals, (N, 3) each."""
+def paints_of(log_captured: NDArray[np.float64], normals: Floats) -> Paints:
+    """The Paints of places with log colours and normals, (N, 3) each."""
     chroma = (log_captured - log_captured.mean(axis=1, keepdims=True))[:, :2]
     side = np.where(normals[:, 1] > LEVEL, 0.0, np.where(normals[:, 1] < BENEATH, 2.0, 1.0))
     group = numbered([chroma / HUE, side[:, None]])
@@ -62,7 +62,7 @@ def numbered(columns: Sequence[Floats]) -> NDArray[np.int64]:
     return np.unique(cells, axis=0, return_inverse=True)[1].reshape(-1)
 
 
-def _grouped(group: NDArray[np.int64], weight: NDArray[np.float64], logs: NDArray[np.float64]) -> Materials:
-    found = Materials(group, weight, np.bincount(group, weight), logs, 0.0)
+def _grouped(group: NDArray[np.int64], weight: NDArray[np.float64], logs: NDArray[np.float64]) -> Paints:
+    found = Paints(group, weight, np.asarray(np.bincount(group, weight), np.float64), logs, 0.0)
     colors = found.off(logs)
     return found._replace(colors=colors, own=float(weight @ colors**2))

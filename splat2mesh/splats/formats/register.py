@@ -1,0 +1,274 @@
+"""The register of splat formats: which can be read, which written, and if not, why and what to do instead."""
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ...base.errors import InputError
+from ...base.gltf import SPLATS, SPZ_DRAFT
+from ...base.inputs import check_special
+from ..splats import Splats
+from . import compressed_ply, dotsplat, gltf, inria, ksplat, lcc, sog, sog_writing, spz, spz_writing, usd
+from .ply import Ply
+
+Writer = Callable[[str | os.PathLike[str], Splats], Any]
+
+_HEADER_BYTES = 1 << 20
+
+CONVERTER = "npx @playcanvas/splat-transform"
+"""Converts between the formats of splats. Source: github.com/playcanvas/splat-transform."""
+
+
+@dataclass(frozen=True)
+class Format:
+    """One format of splats.
+
+    Attributes
+    ----------
+    kind : str
+        Its name here; of one that is written also the suffix.
+    title : str
+        For messages and documents.
+    suffixes : tuple of str
+        By which it is recognised where its content has no mark.
+    read : callable or None
+        Takes a path.
+    write : callable or None
+        Takes a path and Splats.
+    instead : str
+        Where it is not read or not written: why not, and what to do.
+    exactness : int
+        Rank among files of the same splats, of which the lowest is read.
+    tag : str
+        Where the file says that its splats were trained for an anti-aliasing rasteriser.
+    frame : str
+        Its axes.
+    """
+
+    kind: str
+    title: str
+    suffixes: tuple[str, ...]
+    read: Callable[[Path], Splats] | None
+    write: Writer | None = None
+    instead: str = ""
+    exactness: int = 9
+    tag: str = ""
+    frame: str = "as the trainer had it, usually y down"
+
+
+def _read_ply(path: Path) -> Splats:
+    return inria.read(Ply.open(path))
+
+
+def _read_compressed(path: Path) -> Splats:
+    return compressed_ply.read(Ply.open(path))
+
+
+def _read_sog(path: Path) -> Splats:
+    if path.is_dir():
+        return sog.read_folder(path)
+    with open(path, "rb") as file:
+        bundled = file.read(len(sog.ZIP)) == sog.ZIP
+    return sog.read_bundle(path) if bundled else sog.read_folder(path.parent, path.name)
+
+
+_PLY_TAG = "comment SplatRenderMode: mip"
+_NOT_WRITTEN = "not written: .ply and .spz are read by the same programs"
+
+FORMATS = (
+    Format(
+        kind="ply",
+        title="PLY of INRIA's trainer and others",
+        suffixes=(".ply",),
+        read=_read_ply,
+        write=inria.write_inria_ply,
+        exactness=0,
+        tag=_PLY_TAG,
+    ),
+    Format(
+        kind="spz",
+        title="SPZ of Niantic",
+        suffixes=(".spz",),
+        read=spz.read,
+        write=spz_writing.write,
+        exactness=3,
+        tag="bit 0 of the flags",
+        frame="y up, or by a record",
+    ),
+    Format(
+        kind="compressed.ply",
+        title="compressed PLY of PlayCanvas",
+        suffixes=(".compressed.ply",),
+        read=_read_compressed,
+        write=compressed_ply.write,
+        exactness=4,
+        tag=_PLY_TAG,
+    ),
+    Format(
+        kind="sog",
+        title="SOG of PlayCanvas",
+        suffixes=(".sog",),
+        read=_read_sog,
+        write=sog_writing.write,
+        exactness=5,
+        tag="`model` in meta.json",
+    ),
+    Format(
+        kind="splat",
+        title=".splat of antimatter15",
+        suffixes=(".splat",),
+        read=dotsplat.read,
+        instead=_NOT_WRITTEN,
+        exactness=6,
+    ),
+    Format(
+        kind="ksplat",
+        title=".ksplat of mkkellogg",
+        suffixes=(".ksplat",),
+        read=ksplat.read,
+        instead=_NOT_WRITTEN,
+        exactness=7,
+    ),
+    Format(
+        kind="glb",
+        title="glTF with KHR_gaussian_splatting",
+        suffixes=gltf.SUFFIXES,
+        read=gltf.read,
+        instead="written by relight: --format splat-glb",
+        exactness=1,
+        frame="y up",
+    ),
+    Format(
+        kind="usd",
+        title="USD with ParticleField3DGaussianSplat",
+        suffixes=usd.SUFFIXES,
+        read=usd.read,
+        instead="written by relight: --format usd",
+        exactness=2,
+        frame="y or z up, by upAxis",
+    ),
+    Format(
+        kind="lcc",
+        title="LCC of XGRIDS",
+        suffixes=(lcc.SUFFIX,),
+        read=lcc.read,
+        instead=_NOT_WRITTEN,
+        exactness=8,
+        frame="z up",
+    ),
+    Format(
+        kind="lcc2",
+        title="LCC 2 scene of XGRIDS",
+        suffixes=(".lcc2",),
+        read=None,
+        instead=f"not read: convert it to a .ply, by {CONVERTER} scene.lcc2 scene.ply",
+    ),
+    Format(
+        kind="rad",
+        title=".rad file of Spark",
+        suffixes=(".rad",),
+        read=None,
+        instead="not read, its layout is Spark's own: give the .ply or .spz that it was built from",
+    ),
+)
+"""Every format that is known, those that are written first."""
+
+BY_KIND = {each.kind: each for each in FORMATS}
+
+KINDS = (
+    "an INRIA or compressed .ply, a .splat, a .ksplat, a .spz, a .sog (also as a folder with meta.json), "
+    "a .glb or .gltf with KHR_gaussian_splatting, a .usd, an .lcc, the lod-meta.json of a streamed SOG, "
+    "or a folder of tiles"
+)
+"""What is read, for messages."""
+
+
+def kind_of_file(path: Path) -> str:
+    """Recognise one splat file, or the folder of an unbundled SOG, by its content.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    str
+        The kind of a Format that is read.
+
+    Raises
+    ------
+    InputError
+        For what is none, with the reason, or what to do, where its format is known.
+    """
+    if not path.exists():
+        raise InputError(f"{path} does not exist: expected {KINDS}")
+    if path.is_dir():
+        return "sog"
+    check_special(path)
+    with open(path, "rb") as file:
+        head = file.read(64)
+    suffix = path.suffix.lower()
+    if not head:
+        raise InputError(f"{path} is empty: expected {KINDS}")
+    known = next((each for each in FORMATS if suffix in each.suffixes), None)
+    if known is not None and known.read is None:
+        raise InputError(f"{path} is a {known.title}, which is {known.instead}")
+    if head.split(b"\n")[0].strip() == b"ply":
+        return "compressed.ply" if "chunk" in Ply.open(path).elements else "ply"
+    if head.startswith((b"\x1f\x8b", spz.MAGIC)):
+        return "spz"
+    if head.startswith(gltf.MAGIC) or suffix == ".gltf":
+        return "glb"
+    if head.startswith(usd.MARKS) or (head.startswith(sog.ZIP) and suffix == ".usdz"):
+        return "usd"
+    if head.lstrip().startswith(b"{") and suffix == lcc.SUFFIX:
+        return "lcc"
+    if head.startswith(sog.ZIP) or head.lstrip().startswith(b"{"):
+        return "sog"
+    if suffix == ".splat":
+        return "splat"
+    if suffix == ".ksplat" or (not suffix and ksplat.looks_like(head)):
+        return "ksplat"
+    raise InputError(f"{path} is not a splat file (it starts with {head[:12]!r}): expected {KINDS}")
+
+
+def looks_like_splat(path: Path) -> bool:
+    """Return whether a file is meant as a splat, rather than as a mesh, by its content; does not validate it.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    bool
+    """
+    suffix = path.suffix.lower()
+    with open(path, "rb") as file:
+        head = file.read(_HEADER_BYTES)
+    if head.startswith(b"ply"):
+        header = head[: head.find(b"\nend_header")]
+        return b"packed_position" in header or (b"scale_0" in header and b"rot_0" in header)
+    if head.startswith(gltf.MAGIC) or suffix in gltf.SUFFIXES:
+        return any(name.encode() in head for name in (SPLATS, SPZ_DRAFT))
+    return any(suffix in each.suffixes for each in FORMATS if each.kind not in ("ply", "glb"))
+
+
+def reader_of(kind: str) -> Callable[[Path], Splats]:
+    """Return what reads a kind.
+
+    Parameters
+    ----------
+    kind : str
+        As `kind_of_file` returns it.
+
+    Returns
+    -------
+    callable
+        Takes a path.
+    """
+    found = BY_KIND[kind].read
+    assert found is not None  # `kind_of_file` refuses others
+    return found
