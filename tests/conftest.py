@@ -70,12 +70,11 @@ def full_pictures(small_pictures):
 
 @pytest.fixture(scope="module")
 def fewer_samples():
-    """A third of the places and a quarter of the suns for estimates of the capture's light: the same in less time."""
-    from relight.albedo import samples, sun
+    """A third of the places for estimates of the capture's light: the same in less time."""
+    from relight.albedo import samples
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(samples, "SAMPLES", 800)
-        patch.setattr(sun, "CANDIDATES", 2048)
         yield
 
 

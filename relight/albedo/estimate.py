@@ -21,8 +21,8 @@ from .natural import AXES, NaturalLight, log_harmonics, natural_light
 from .said import Said
 from .skylight import visible_part
 
-MOST_SPREAD = 0.3
-"""Spread of the log light of places from which the light is not separated from the albedo: a third, up or down."""
+MIN_EVIDENCE = 0.5
+"""Below it the prior, not the capture, decides where the light comes from, and it is not separated from the albedo."""
 
 SURER = 4.0
 """Factor on the precision of natural light about a sky that a person names: half of its spread."""
@@ -52,8 +52,8 @@ def estimate(
     said = given.said
     lights = posterior.lights_of(scene.evidence, _prior(said), said.sun, said.sun is None and said.sky in SUNLESS)
     spread = posterior.spread(scene.evidence, lights)
-    decided = float(np.clip(1.0 - spread / MOST_SPREAD, 0.0, 1.0)) if scene.sky is None else visible_part(scene.sky)
-    if spread > MOST_SPREAD and said == Said():
+    decided = lights[0].decided if scene.sky is None else visible_part(scene.sky)
+    if scene.sky is None and decided < MIN_EVIDENCE and said.sun is None and said.sky is None:
         return scene.as_captured("its surfaces face too few directions to separate light from colour", decided)
     directions = projections.texel_directions(HEIGHT, WIDTH).reshape(-1, 3)
     image = posterior.mean_radiance(lights, directions).reshape(HEIGHT, WIDTH, 3).astype(np.float32)

@@ -102,7 +102,7 @@ class Evidence:
         }
 
     def received(self, log_light: NDArray[np.float64], basis: Floats | None = None) -> ReceivedLight:
-        """The ReceivedLight of log radiance (K, 3); slopes in the parameters of a basis (K, M) of it, where one is given."""
+        """What places receive of log radiance (K, 3); slopes in the parameters of a basis (K, M) of it, if given."""
         radiance = np.exp(np.clip(log_light, -30.0, 30.0)).astype(np.float32)
         bounced, sky = self.places.bounced, self.places.sky
         if basis is None:

@@ -75,8 +75,9 @@ class SunLobe(NamedTuple):
 class PosteriorLight(NamedTuple):
     """A light that may have lit the capture.
 
-    coefficients: (K, 3) harmonics of its log radiance, beside the regions of the sky and the sun, a SunLobe or None. nats:
-    of its cues and prior. share: of the posterior. variances: (N,) of the log luminance that places receive.
+    coefficients: (K, 3) harmonics of its log radiance, beside the regions of the sky and the sun, a SunLobe or None.
+    nats: of its cues and prior. share: of the posterior. decided: in [0, 1], how far the capture, not the prior, decides
+    which way it comes from. variances: (N,) of the log luminance that places receive.
     """
 
     coefficients: NDArray[np.float64]
@@ -84,6 +85,7 @@ class PosteriorLight(NamedTuple):
     sun: SunLobe | None
     nats: dict[str, float]
     share: float
+    decided: float
     variances: NDArray[np.float64]
 
     def radiance(self, directions: Directions) -> NDArray[np.float64]:
@@ -99,6 +101,7 @@ class _Optimum(NamedTuple):
     cues: dict[str, Cue]
     nats: float
     curvature: NDArray[np.float64]  # (3 M, 3 M)
+    precision: NDArray[np.float64]  # (3 M, 3 M) of the prior
     evidence: float  # nats, with the volume of the posterior over that of the prior
 
 
@@ -217,7 +220,7 @@ def _solved(
     _, curvature = _sums(cues)
     total = sum(cue.nats for cue in cues.values())
     volume = 0.5 * (np.linalg.slogdet(curvature)[1] - np.linalg.slogdet(precision)[1])
-    return _Optimum(parameters, cues, total, curvature, total + volume)
+    return _Optimum(parameters, cues, total, curvature, precision, total + volume)
 
 
 def _sums(cues: dict[str, Cue]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -297,6 +300,15 @@ def _described(evidence: Evidence, basis: Floats, lobe: SunLobe | None, best: _O
     smooth[0] += evidence.brightness(basis @ best.parameters) * np.sqrt(4.0 * np.pi)
     bands = len(smooth) - shares.shape[1]
     regions = tuple(Region(directions, *each) for each in zip(shares.T, smooth[bands:], strict=True))
-    return PosteriorLight(
-        smooth[:bands], regions, lobe, {name: cue.nats for name, cue in best.cues.items()}, share, variances
-    )
+    nats = {name: cue.nats for name, cue in best.cues.items()}
+    return PosteriorLight(smooth[:bands], regions, lobe, nats, share, _decided(best), variances)
+
+
+def _decided(best: _Optimum) -> float:
+    """1 less what the capture leaves of the prior's variance along the least known axis of the light's direction."""
+    count = len(best.parameters)
+    dipole = np.zeros((3 * count, 3))
+    for color in range(3):
+        dipole[color * count + np.arange(1, 4), np.arange(3)] = 1.0 / np.sqrt(3.0)
+    before, after = (dipole.T @ np.linalg.solve(matrix, dipole) for matrix in (best.precision, best.curvature))
+    return float(np.clip(1.0 - np.linalg.eigvals(np.linalg.solve(before, after)).real.max(), 0.0, 1.0))
