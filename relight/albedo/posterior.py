@@ -76,7 +76,7 @@ class PosteriorLight(NamedTuple):
     """A light that may have lit the capture.
 
     coefficients: (K, 3) harmonics of its log radiance, beside the regions of the sky and the sun, a SunLobe or None.
-    nats: of its cues and prior. share: of the posterior. decided: in [0, 1], how far the capture, not the prior, decides
+    nats: of its cues and prior. share: of the posterior. decided: in [0, 1], how far the capture, not the prior, says
     which way it comes from. variances: (N,) of the log luminance that places receive.
     """
 

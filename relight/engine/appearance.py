@@ -30,7 +30,7 @@ CHOICES = ("estimated", "captured", "white")
 
 LEAST_ALBEDO = 0.02  # to divide by
 
-WAY = 20
+WAY = 21
 """Version of the estimate of light and albedo. It increases when the numbers change, and invalidates cached
 estimates."""
 
@@ -256,6 +256,7 @@ def _estimated(
 ) -> dict[str, Any]:
     from ..albedo import CaptureEvidence, estimate, with_known_light
     from ..albedo.check import self_relight
+    from ..albedo.offered import offer_lights
     from ..transfer.bounces import visible_fraction
 
     known = relighter.transport(CAPTURE_OF_PLACE if relighter.scene.is_place else CAPTURE, alone=True)
@@ -276,6 +277,7 @@ def _estimated(
         if capture_env is None:
             evidence = CaptureEvidence(sky, looks, hopeless, said)
             found = estimate(relighter.occluder, captured, relighter.seed, transport=known, evidence=evidence)
+            offer_lights(scene.path, found)
         else:
             part, evidence = None, CaptureEvidence(sky, looks, said=said)
             asked = relighter.occluder, captured, capture_env, relighter.seed
@@ -285,6 +287,7 @@ def _estimated(
         **check,
         "under_sky": np.array(found.under_sky),
         "light_spread": np.array(found.spread),
+        "doubt_db": np.array(found.doubt_db),
         "closed": np.array(part is not None),
         "light_turn": np.array(found.environment.rotation_deg),
         "albedo": found.albedo,
@@ -295,7 +298,7 @@ def _estimated(
     }
 
 
-_CHECKED = ("self_relight_db", "mesh_self_relight_db", "distrusted_share", "light_spread")
+_CHECKED = ("self_relight_db", "mesh_self_relight_db", "distrusted_share", "light_spread", "doubt_db")
 
 _DESCRIBED = ("separable", "reason", "evidence", "direction", "concentration", "color", "brightness")
 

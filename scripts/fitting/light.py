@@ -10,7 +10,6 @@ import numpy as np
 
 from relight.albedo import fitted, natural, posterior
 from relight.albedo.evidence import Evidence, LitPlaces, SeenSky
-from relight.albedo.fitted import Fitted
 from splat2mesh.base.sphere import texel_directions
 from splat2mesh.scene.color import srgb_from_linear
 
@@ -81,6 +80,19 @@ def losses(capture, image):
     return tuple(lost)
 
 
+def light_maps(folder):
+    """name -> radiance (64, 128, 3) of the light maps of a folder, mean luminance 1."""
+    from relight import Environment
+    from splat2mesh.base.sphere import row_solid_angles
+    from splat2mesh.scene.color import luminance
+
+    found, areas = {}, row_solid_angles(64, 128)
+    for path in sorted(path for path in folder.iterdir() if path.suffix.lower() in (".exr", ".hdr")):
+        image = Environment.load(path).lookup(DIRECTIONS).reshape(64, 128, 3)
+        found[path.stem] = image / ((luminance(image) * areas).sum() / (4.0 * np.pi))
+    return found
+
+
 def harmonics_of(image, bands=8):
     """(K, 3) harmonics of a light map."""
     from relight import Environment
@@ -149,8 +161,3 @@ def ablation(captures, numbers):
         "a sun": {"sun": 1e6},
     }
     return {name: score(captures, numbers._replace(**change)).mean(axis=0)[:2] for name, change in without.items()}
-
-
-def numbers_of(**values):
-    """Fitted with some values replaced."""
-    return Fitted(**{**fitted.FITTED._asdict(), **values})

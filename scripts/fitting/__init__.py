@@ -1,0 +1,1 @@
+"""Fitting numbers on generated captures: `scripts/fit`."""
