@@ -75,11 +75,6 @@ class Estimate(NamedTuple):
     spread: float = 0.0
     lights: tuple[PosteriorLight, ...] = ()
 
-    @property
-    def doubt_db(self) -> float:
-        """PSNR by which a relit result is uncertain for that of the light: four of five captures lose less."""
-        return FITTED.decibels * self.spread
-
 
 class CaptureEvidence(NamedTuple):
     """Evidence on a capture beside its colours. Each field is None, or empty, if unknown.

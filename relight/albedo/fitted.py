@@ -20,8 +20,7 @@ class Fitted(NamedTuple):
     albedo, albedo_spread: median albedo in luminance, and spread of its logarithm.
     warmth, warmth_spread, green, green_spread: mean log red over blue, and green over both, of albedo; spreads.
     color_spread: factor on the variance of the colour of natural lights.
-    sun: nats against a sun. decibels: of a relit result, for each unit of the spread of log light: by so much it is
-    uncertain.
+    sun: nats against a sun.
     """
 
     parallel: float
@@ -44,7 +43,6 @@ class Fitted(NamedTuple):
     green_spread: float
     color_spread: float
     sun: float
-    decibels: float
 
 
 FITTED = Fitted(**json.loads(FILE.read_text(encoding="utf-8"))["values"])

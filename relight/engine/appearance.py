@@ -287,7 +287,6 @@ def _estimated(
         **check,
         "under_sky": np.array(found.under_sky),
         "light_spread": np.array(found.spread),
-        "doubt_db": np.array(found.doubt_db),
         "closed": np.array(part is not None),
         "light_turn": np.array(found.environment.rotation_deg),
         "albedo": found.albedo,
@@ -298,7 +297,7 @@ def _estimated(
     }
 
 
-_CHECKED = ("self_relight_db", "mesh_self_relight_db", "distrusted_share", "light_spread", "doubt_db")
+_CHECKED = ("self_relight_db", "mesh_self_relight_db", "distrusted_share", "light_spread")
 
 _DESCRIBED = ("separable", "reason", "evidence", "direction", "concentration", "color", "brightness")
 

@@ -135,13 +135,10 @@ def fit(folder, rounds=2, say=print):
     parts = {part: load(folder, part) for part in ("fit", "choose", "test")}
     numbers = search(parts["fit"], fitted.FITTED, rounds, say) if rounds else fitted.FITTED
     rows = {part: score(captures, numbers) for part, captures in parts.items() if captures}
-    ratio = rows["fit"][:, 0] / np.maximum(rows["fit"][:, 2], 1e-3)
-    numbers = numbers._replace(decibels=float(np.quantile(ratio, 0.8)))
     held = {}
     for part, each in rows.items():
-        within = float((each[:, 0] <= numbers.decibels * each[:, 2]).mean())
         held[part] = {"captures": len(each), "loss_db": round(float(each[:, 0].mean()), 2)}
-        held[part] |= {"loss_plain_db": round(float(each[:, 1].mean()), 2), "within_doubt": round(within, 2)}
+        held[part] |= {"loss_plain_db": round(float(each[:, 1].mean()), 2)}
         say(f"{part}: {held[part]}")
     values = {name: float(f"{value:.4g}") for name, value in numbers._asdict().items()}
     text = json.dumps({"script": "scripts/fit light", "parts": held, "values": values}, indent=1)
