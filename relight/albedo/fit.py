@@ -1,11 +1,10 @@
-"""The capture light that makes albedos agree: robust least squares over pairs of places, IRLS Gauss-Newton.
+"""Emitters of a room that make albedos agree: robust least squares over pairs of places, IRLS Gauss-Newton.
 
 log C = log a + log S. Neighbours mostly share a material, so under the right light log C - log S mostly agrees
 between them, and where it does not, it differs widely. Geman and McClure's function counts a wide difference as an
 edge of the albedo, whatever its height.
 """
 
-import math
 from collections.abc import Callable
 from typing import NamedTuple, TypeAlias
 
@@ -13,9 +12,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from splat2mesh.base.arrays import Floats, Radiance
-
-from ..sh import harmonics
+from splat2mesh.base.arrays import Floats
 
 SCALES = (1.0, 0.5, 0.3)
 """Differences of log albedo beyond which two places are of two materials, from coarse to fine."""
@@ -25,16 +22,6 @@ STEPS = 8
 
 STRENGTH = 2e-4
 """Weight of the prior against a mean over pairs: it decides only where the scene does not."""
-
-BRIGHTNESS, COLOR = 2.0, 0.25
-"""Spread of the light's log brightness and log colour in the prior. Scenes in lights of strong colour like 0.4 better
-(error with one gain .17 against .20 at 0.1), but the whites of a real capture turned to cyan with it."""
-
-CONTRAST_COLOR = 3.0
-"""Stiffness of the prior on changes of the light's colour with direction, over that on changes of its brightness."""
-
-UNIT = 1.0 / math.sqrt(4.0 * math.pi)
-"""Log radiance of the first coefficient."""
 
 _SMALL_STEP = 1e-4  # of log radiance: no colour changes visibly
 _DAMPING = (1e-6, 1e3)  # of Levenberg and Marquardt, least and most, as parts of the diagonal
@@ -50,40 +37,6 @@ class Fit(NamedTuple):
     theta: NDArray[np.float64]
     cost: float
     hessian: NDArray[np.float64]
-
-
-class SmoothLight:
-    """S = sum over k of sky_vk exp(Y_k theta) + bounce: radiance as the exponential of spherical harmonics."""
-
-    def __init__(self, sky: Floats, basis: Floats, bounce: Floats) -> None:
-        """sky: (N, K). basis: (K, M). bounce: (N, 3)."""
-        self._sky, self._basis, self._bounce = sky, basis.astype(np.float32), bounce
-
-    def __call__(self, theta: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Irradiance (N, 3) and the derivative (N, 3, M) of its logarithm."""
-        received = np.zeros(self._bounce.shape)
-        slope = np.zeros((*self._bounce.shape, len(theta)))
-        for color in range(3):
-            radiance = np.exp(np.clip(self._basis @ theta[:, color], -30.0, 30.0)).astype(np.float32)
-            direct = self._sky @ np.column_stack([radiance, radiance[:, None] * self._basis])
-            received[:, color] = np.maximum(direct[:, 0] + self._bounce[:, color], 1e-12)
-            slope[:, color] = direct[:, 1:] / received[:, color, None]
-        return received, slope
-
-
-class KnownLight:
-    """S = exp(unit theta_0) D + bounce: a light known except for its exposure, in each colour."""
-
-    def __init__(self, direct: Radiance, bounce: Radiance, unit: float) -> None:
-        """direct, bounce: (N, 3). unit: log radiance per unit of theta."""
-        self._unit = unit
-        self._direct, self._bounce = direct.astype(np.float64), bounce.astype(np.float64)
-
-    def __call__(self, theta: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Irradiance (N, 3) and the derivative (N, 3, 1) of its logarithm."""
-        direct = np.exp(np.clip(self._unit * theta[0], -30.0, 30.0)) * self._direct
-        received = np.maximum(direct + self._bounce, 1e-12)
-        return received, self._unit * (direct / received)[:, :, None]
 
 
 def solve(
@@ -131,23 +84,6 @@ def solve(
                 break
     hessian, _ = _normal(*differences(log_albedo, pairs, weights, SCALES[-1]), slope, pairs)
     return Fit(theta, cost, hessian)
-
-
-def prior_of(bands: int, of_color: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
-    """(3 K, 3 K) of the quadratic prior on logarithmic coefficients, colours outermost.
-
-    Brightness and colour of the mean are bounded; a coefficient of degree l is pulled to 0 with weight l. of_color:
-    (3, 3) of the prior on the log colour of the mean; without it all hues are alike.
-    """
-    width = bands**2
-    degree, _ = harmonics.degrees_and_orders(bands)
-    gray = np.full((3, 3), 1.0 / 3.0)
-    color = np.eye(3) - gray
-    mean = (gray / BRIGHTNESS**2 + (color / COLOR**2 if of_color is None else of_color)) * UNIT**2
-    matrix = np.kron(gray + CONTRAST_COLOR * color, np.diag(degree))
-    at = np.arange(3) * width
-    matrix[np.ix_(at, at)] = mean
-    return matrix
 
 
 def evidence(

@@ -18,9 +18,6 @@ from ..transfer.occluder import Frame, Occluder
 LOOKS = 4096
 """Directions from each place where the capture stood: 3 degrees apart; 24 places make 98,000 rays."""
 
-OVER = 60_000
-"""Number of vertices that represent the seen surface if the viewpoints are unknown."""
-
 
 class SeenPoints(NamedTuple):
     """L looks that met the front of a surface. corners: (L, 3) vertices of what they met. shares: (L, 3) float32, what
@@ -41,17 +38,6 @@ class SeenPoints(NamedTuple):
     def sizes(self, count: int) -> NDArray[np.float64]:
         """(V,) float64: how many looks each of `count` vertices was met by, in parts."""
         return np.asarray(np.bincount(self.corners.ravel(), self.shares.ravel(), count), np.float64)
-
-
-def looks_over(occluder: Occluder, areas: Floats, seed: int) -> SeenPoints:
-    """The looks at a scene with unknown cameras: vertices spread evenly over the area of its surface, as from
-    half its diagonal away. areas: (V,) of vertices. It depends on no order of vertices."""
-    from .samples import places
-
-    rows = places(occluder, areas, areas > 0.0, OVER, seed)
-    shares = np.zeros((len(rows), 3), np.float32)
-    shares[:, 0] = 1.0
-    return SeenPoints(np.repeat(rows[:, None], 3, axis=1), shares, np.full(len(rows), 0.5, np.float32))
 
 
 def standing(scene: Scene) -> NDArray[np.float64]:
