@@ -10,6 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
+from splat2mesh.base.sphere import texel_directions
+
 PARTS = {
     "fit": {"garden": (3, 5, 8), "nook": (1, 4), "object": (1, 2, 3), "tabletop": (1, 2), "room": (1, 2)},
     "choose": {"garden": (11, 2), "street": (1,), "nook": (2, 9), "figure": (1,), "object": (4,), "tabletop": (3,)},
@@ -45,6 +47,29 @@ TINT, EXPOSURE, CURVED = 0.08, 0.25, 0.2
 
 NEAR, SEEN = 12, 800
 """Splats that give a vertex its colour; vertices at which losses are measured."""
+
+
+DIRECTIONS = texel_directions(64, 128).reshape(-1, 3)
+
+
+def light_maps(folder):
+    """name -> radiance (64, 128, 3) of the light maps of a folder, mean luminance 1."""
+    from relight import Environment
+    from splat2mesh.base.sphere import row_solid_angles
+    from splat2mesh.scene.color import luminance
+
+    found, areas = {}, row_solid_angles(64, 128)
+    for path in sorted(path for path in folder.iterdir() if path.suffix.lower() in (".exr", ".hdr")):
+        image = Environment.load(path).lookup(DIRECTIONS).reshape(64, 128, 3)
+        found[path.stem] = image / ((luminance(image) * areas).sum() / (4.0 * np.pi))
+    return found
+
+
+def harmonics_of(image, bands=8):
+    """(K, 3) harmonics of a light map."""
+    from relight import Environment
+
+    return Environment(np.asarray(image, np.float32), "light").sh(bands).astype(np.float32)
 
 
 def make(folder, lights, parts=("fit", "choose", "test"), say=print):
@@ -158,8 +183,6 @@ def _arrays(scene, truth, shot, rng):
     from splat2mesh.scene.color import linear_from_srgb
     from splat2mesh.scene.measured import CapturedSky
     from splat2mesh.splats.splats import SH_C0
-
-    from .light import harmonics_of
 
     relighter = Relighter(scene)
     known = relighter.transport(CAPTURE_OF_PLACE if scene.is_place else CAPTURE, alone=True)

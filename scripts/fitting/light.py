@@ -10,10 +10,9 @@ import numpy as np
 
 from relight.albedo import fitted, natural, posterior
 from relight.albedo.evidence import Evidence, LitPlaces, SeenSky
-from splat2mesh.base.sphere import texel_directions
 from splat2mesh.scene.color import srgb_from_linear
 
-from .captures import load
+from .captures import DIRECTIONS, harmonics_of, load
 
 STEPS = {
     "contrast": 3.0,
@@ -42,8 +41,6 @@ CEILING_DB = 28.0
 
 LEAST_GAIN = 0.005
 """Of the loss, in dB, for which a number is changed."""
-
-DIRECTIONS = texel_directions(64, 128).reshape(-1, 3)
 
 
 def evidence_of(capture, numbers):
@@ -78,26 +75,6 @@ def losses(capture, image):
             found.append(10 * np.log10(1.0 + np.square(error).mean() / floor))
         lost.append(float(np.mean(found)))
     return tuple(lost)
-
-
-def light_maps(folder):
-    """name -> radiance (64, 128, 3) of the light maps of a folder, mean luminance 1."""
-    from relight import Environment
-    from splat2mesh.base.sphere import row_solid_angles
-    from splat2mesh.scene.color import luminance
-
-    found, areas = {}, row_solid_angles(64, 128)
-    for path in sorted(path for path in folder.iterdir() if path.suffix.lower() in (".exr", ".hdr")):
-        image = Environment.load(path).lookup(DIRECTIONS).reshape(64, 128, 3)
-        found[path.stem] = image / ((luminance(image) * areas).sum() / (4.0 * np.pi))
-    return found
-
-
-def harmonics_of(image, bands=8):
-    """(K, 3) harmonics of a light map."""
-    from relight import Environment
-
-    return Environment(np.asarray(image, np.float32), "light").sh(bands).astype(np.float32)
 
 
 def score(captures, numbers):
