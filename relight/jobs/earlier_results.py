@@ -101,7 +101,8 @@ def _described_lamp(lamp: "AskedLamp") -> dict[str, Any]:
 def _described_capture(request: "RelightRequest") -> Any:
     """The known light of the capture, also where it was chosen in the folder of the scene; its file by its content."""
     choice, scene = request.lighting.captured_light, request.scene
-    if request.capture_env is not None or request.albedo not in (None, "estimated") or hasattr(choice, "radiance"):
+    estimated = request.albedo is None or (isinstance(request.albedo, str) and request.albedo == "estimated")
+    if request.capture_env is not None or not estimated or hasattr(choice, "radiance"):
         return _described(choice)
     found = light_file(choice, scene if isinstance(scene, (str, os.PathLike)) else getattr(scene, "path", None))
     return None if found is None else {**_described(found[0]), "name": found[1]}

@@ -33,7 +33,7 @@ def needed(
             raise
         name = PACKAGES.get(package, package)
         command = f'pip install "splat2mesh[{EXTRAS[package]}]"' if package in EXTRAS else f"pip install {name}"
-        raise InputError(f"{purpose} needs {package}, which is not installed: {command}") from None
+        raise InputError(f"{purpose} needs {name}, which is not installed: {command}") from None
 
 
 def installed(package: str) -> bool:

@@ -27,9 +27,13 @@ def folder(tmp_path_factory):
     """A saved scene that stands for one made of a splat, with two likely lights."""
     path = tmp_path_factory.mktemp("words") / "ball"
     ball_on_plate().save(path)
+    offer_two(path)
+    return path
+
+
+def offer_two(path):
     lights = [(LikelyLight(name, 0.5, None, ""), Environment.load(name)) for name in ("noon", "overcast")]
     offer(path, lights)
-    return path
 
 
 def tree(folder):
@@ -121,6 +125,7 @@ def test_the_chosen_light_is_used_and_results_know_it(folder, tmp_path, capsys):
         ("chosen", first, []),
         ("ignored", first, ["--captured-light", "auto"]),
     ):
+        offer_two(folder)  # an estimate offers its own
         choose(folder, chosen)
         assert main([*quick, "-o", str(tmp_path / name), *words]) == 0
         results[name] = np.load(tmp_path / name / "radiance.npy")

@@ -13,7 +13,7 @@ from ..splats import Splats
 from . import compressed_ply, dotsplat, gltf, inria, ksplat, lcc, sog, sog_writing, spz, spz_writing, usd
 from .ply import Ply
 
-Writer = Callable[[str | os.PathLike[str], Splats], Any]
+SplatWriter = Callable[[str | os.PathLike[str], Splats], Any]
 
 _HEADER_BYTES = 1 << 20
 
@@ -51,7 +51,7 @@ class Format:
     title: str
     suffixes: tuple[str, ...]
     read: Callable[[Path], Splats] | None
-    write: Writer | None = None
+    write: SplatWriter | None = None
     instead: str = ""
     exactness: int = 9
     tag: str = ""

@@ -4,9 +4,9 @@ import os
 
 from ...base.errors import InputError
 from ..splats import Splats
-from .register import FORMATS, Writer
+from .register import FORMATS, SplatWriter
 
-WRITERS: dict[str, Writer] = {each.kind: each.write for each in FORMATS if each.write is not None}
+WRITERS: dict[str, SplatWriter] = {each.kind: each.write for each in FORMATS if each.write is not None}
 """Writers by kind, which is also the suffix of the file; they take a path and Splats."""
 
 

@@ -50,7 +50,7 @@ def test_the_true_colour_takes_the_cast_out_of_the_albedo(table, look):
     tinted = retinted(look, color, bounced_light(relighter))
     # .056 as estimated, .0006 with the true colour were measured.
     assert tint_error(look.albedo, albedo) > 0.03
-    assert tint_error(tinted.albedo, albedo) < 0.01
+    assert tint_error(tinted.albedo, albedo) < 0.02  # the light differs in more than its mean colour
     np.testing.assert_allclose(tinted.capture["color"], color, rtol=1e-4)
     # What was captured is what its light sends out, but for where the albedo is held back; luminance stays.
     shown = np.median(tinted.albedo * tinted.irradiance / np.maximum(look.captured, 1e-3), axis=0)

@@ -164,13 +164,6 @@ def test_reflectance_and_roughness_of_a_captured_ball_are_found(glazed):
     assert np.median(found.alpha[rows]) < 0.5 and not np.median(found.metal[rows])
 
 
-def test_the_reflections_show_where_the_captured_light_was(glazed):
-    shape = glazed.gloss().shape
-    y, z, x = shape[1:4]
-    way = np.array([x, y, z]) / np.linalg.norm([x, y, z])
-    assert np.degrees(np.arccos(way @ np.array([0.6, 0.7, 0.4]) / np.linalg.norm([0.6, 0.7, 0.4]))) < 10.0
-
-
 def test_highlights_move_to_where_the_new_light_puts_them(glazed):
     gloss, truth = glazed.gloss(), pictures(glazed.under(NEW))
     stayed, moved = pictures(glazed.relit(NEW)), pictures(glazed.relit(NEW, gloss))
@@ -216,7 +209,7 @@ def test_what_was_observed_is_kept_and_damage_is_observed_anew(glazed, tmp_path)
 def test_splats_without_harmonics_show_no_gloss(glazed):
     plain = Splats(*glazed.layout, glazed.splats.sh[:, :4])
     gloss = SceneGloss(glazed.scene, plain, lambda: pytest.fail("bound for nothing"), None, 0, Stages())
-    assert gloss.known and gloss.fits is None and gloss.shape is None and gloss.of(glazed.look) is None
+    assert gloss.known and gloss.fits is None and gloss.of(glazed.look) is None
     assert np.abs(plain.sh[:, 0]).max() * SH_C0 < 2.0
 
 
