@@ -19,7 +19,7 @@ from .captured import HEIGHT, WIDTH, CapturedScene, CaptureEvidence, Estimate
 from .division import Prior, albedo_of
 from .natural import AXES, NaturalLight, log_harmonics, natural_light
 from .said import Said
-from .skylight import visible_part
+from .skylight import exposure_of, visible_part
 
 MIN_EVIDENCE = 0.5
 """Below it the prior, not the capture, decides where the light comes from, and it is not separated from the albedo."""
@@ -81,6 +81,10 @@ def with_known_light(
         problem = f"the light {environment.name} does not reach it in all three colours"
     if problem:
         return scene.as_captured(problem)
+    measured = None if scene.sky is None else exposure_of(scene.sky, environment)
+    if measured is not None:
+        shown = Environment(environment.radiance * measured, environment.name, environment.rotation_deg)
+        return scene.result(shown, 1.0, direct * measured)
     shown = np.maximum(environment.lookup(scene.places.directions).astype(np.float64), 1e-9)
     gain = np.exp(posterior.exposed(scene.evidence, np.log(shown))).astype(np.float32)
     scaled = Environment(environment.radiance * gain, environment.name, environment.rotation_deg)

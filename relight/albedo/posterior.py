@@ -42,8 +42,8 @@ MOSTLY = 0.6
 """Part of a direction that was seen without a sun, where none stands."""
 
 ALBEDO_SPREAD = 0.35
-"""Of the log median albedo where the shape of the light is known: scenes of the corpus have .15 to .36. Where it is not,
-pairs pull the light to the dark in noisy meshes, and the fit holds the median closer."""
+"""Of the log median albedo where the shape of the light is known: scenes of the corpus have .15 to .36. Else pairs pull
+the light to the dark in noisy meshes, and the fit holds the median closer."""
 
 AROUND_DEG = 35.0
 """Suns are sought so near to the brightest direction of the light without one."""
@@ -161,9 +161,9 @@ def exposed(evidence: Evidence, log_light: NDArray[np.float64]) -> NDArray[np.fl
     """(3,) log exposure, in each colour, of a light known up to it: log radiance (K, 3)."""
     basis = np.ones((len(log_light), 1))
     start = np.full((1, 3), _level(evidence, log_light) / np.sqrt(4.0 * np.pi))
-    axes = np.array([1e-2, 10.0, 10.0])  # brightness is free, and a camera's white balance within .3
+    axes = np.array([1e-2, 100.0, 100.0])  # brightness is free, and a camera's white balance within .1
     precision = np.einsum("q,qa,qb->ab", axes, AXES, AXES)
-    loose = evidence.fitted._replace(albedo_spread=ALBEDO_SPREAD)
+    loose = evidence.fitted._replace(albedo_spread=ALBEDO_SPREAD, clipped=0.0, warmth_spread=1.0, green_spread=1.0)
     evidence = Evidence(evidence.places, evidence.sky, loose)
     return _solved(evidence, basis, start, precision, start, log_light).parameters[0]
 

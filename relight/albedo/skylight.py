@@ -8,8 +8,11 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Directions, Floats
 from splat2mesh.base.sphere import row_solid_angles, texel_directions
+from splat2mesh.scene.color import luminance
 from splat2mesh.scene.measured import CapturedSky
 
+from ..light.environment import Environment
+from .division import weighted_median
 from .evidence import SeenSky, upper_sky
 
 GROUND = 0.2
@@ -24,6 +27,11 @@ those of a room no more than its windows and the holes of its mesh let in."""
 
 LEAST_SEEN = 0.1
 """Part of a direction that must have been seen unclipped for its radiance to count."""
+
+
+MOSTLY, LEAST_HEIGHT, LEAST_COMPARED = 0.5, 0.05, 0.03
+"""To read the exposure off a captured sky: the part of a texel that binds, the sine of its height above the horizon,
+where ground and trees show that no environment has, and steradians in all."""
 
 
 class SkyParts(NamedTuple):
@@ -80,6 +88,21 @@ def visible_part(sky: CapturedSky) -> float:
     height, width = sky.bound.shape[:2]
     weight = np.maximum(texel_directions(height, width)[..., 1], 0.0) * row_solid_angles(height, width)
     return float(((sky.bound + sky.clipped).mean(axis=2) * weight).sum() / weight.sum())
+
+
+def exposure_of(sky: CapturedSky, environment: Environment) -> np.float32 | None:
+    """Captured colour per radiance of a known Environment: the median over the pixels of a CapturedSky that bind,
+    weighted by the square of their height, since trees stand low; None where too few pixels bind."""
+    height, width = sky.bound.shape[:2]
+    directions = texel_directions(height, width)
+    areas = np.repeat(row_solid_angles(height, width), width, axis=1)
+    binds = (sky.bound.min(axis=2) > MOSTLY) & (directions[..., 1] > LEAST_HEIGHT) & (sky.radiance.min(axis=2) > 0.0)
+    shown = environment.lookup(directions[binds])
+    lit = luminance(shown) > 0.0
+    if areas[binds][lit].sum() < LEAST_COMPARED:
+        return None
+    ratio = luminance(sky.radiance[binds][lit]) / luminance(shown[lit])
+    return np.float32(weighted_median(ratio, areas[binds][lit] * directions[binds][lit, 1] ** 2))
 
 
 def _unseen(bound: Floats, clipped: Floats, directions: Directions) -> NDArray[np.float64]:
