@@ -83,8 +83,8 @@ def with_known_light(
         return scene.as_captured(problem)
     measured = None if scene.sky is None else exposure_of(scene.sky, environment)
     if measured is not None:
-        shown = Environment(environment.radiance * measured, environment.name, environment.rotation_deg)
-        return scene.result(shown, 1.0, direct * measured)
+        seen = Environment(environment.radiance * measured, environment.name, environment.rotation_deg)
+        return scene.result(seen, 1.0, direct * measured)
     shown = np.maximum(environment.lookup(scene.places.directions).astype(np.float64), 1e-9)
     gain = np.exp(posterior.exposed(scene.evidence, np.log(shown))).astype(np.float32)
     scaled = Environment(environment.radiance * gain, environment.name, environment.rotation_deg)
