@@ -8,8 +8,8 @@ from splat2mesh.base.arrays import Floats
 from ..transfer.occluder import Occluder
 
 THICKEST = 0.04
-"""Of a wall, in the unit frame. Of what is found, 89 to 98% are backs in four generated open rooms, which finds 57 to 83%
-of them; 60% in a forest, and 8 to 10% in gardens, where 3 to 6% of the vertices are left out."""
+"""Of a wall, in the unit frame. In four generated open rooms 89 to 98% of what is found are backs, and 57 to 83% of all
+backs are found. In a forest 60% are backs, in gardens 8 to 10%, where 3 to 6% of the vertices are left out."""
 
 ALIKE = 0.35
 """Largest difference of log colour between both sides: a side that was seen has a colour of its own."""

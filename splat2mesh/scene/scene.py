@@ -1,6 +1,7 @@
 """The chunked mesh that splat2mesh makes and relight lights. `folder` stores it on disk."""
 
 import os
+import warnings
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from pathlib import Path
@@ -10,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.choices import DEFAULT_MAX_VERTICES
-from ..base.errors import InputError
+from ..base.errors import DataWarning, InputError
 from ..base.inputs import reading
 from .chunks import split
 from .color import linear_from_srgb
@@ -176,8 +177,14 @@ class Scene:
 
     @cached_property
     def normals(self) -> NDArray[np.float32]:
-        """(V, 3), chunk after chunk; missing ones from the faces around."""
-        return _read_only(np.concatenate([known_normals(chunk) for chunk in self.chunks]))
+        """(V, 3), chunk after chunk; missing ones from the faces around, with a DataWarning that counts them."""
+        given = np.concatenate([chunk.normals for chunk in self.chunks])
+        found = np.concatenate([known_normals(chunk) for chunk in self.chunks])
+        repaired = int((~np.isclose(found, given, equal_nan=True)).any(axis=1).sum())
+        if repaired:
+            message = f"{repaired} vertices of {len(found)} had no normal: those of the faces around are used"
+            warnings.warn(message, DataWarning, stacklevel=2)
+        return _read_only(found)
 
     @cached_property
     def colors_srgb(self) -> NDArray[np.uint8]:
