@@ -384,7 +384,7 @@ def test_bad_input_is_refused(ball):
         baked.relit(bad, 1.0)
     with pytest.raises(InputError, match="transfer images need"):
         write_transfer("unused", baked, np.zeros((count, 4)))
-    flat = scene_of(np.zeros((3, 3), np.float32), np.zeros((3, 3), np.float32), np.int32([[0, 1, 2]]))
+    flat = scene_of(np.zeros((3, 3), np.float32), np.tile(np.float32([0, 0, 1]), (3, 1)), np.int32([[0, 1, 2]]))
     with pytest.raises(InputError, match="needs a surface"):
         bake(flat, size=64)
 
