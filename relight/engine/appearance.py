@@ -30,7 +30,7 @@ CHOICES = ("estimated", "captured", "white")
 
 LEAST_ALBEDO = 0.02  # to divide by
 
-WAY = 21
+WAY = 22
 """Version of the estimate of light and albedo. It increases when the numbers change, and invalidates cached
 estimates."""
 
