@@ -262,8 +262,8 @@ def plan_relight(request: RelightRequest, stages: Stages | None = None) -> Relig
         return RelightPlan(None, note + "Light is planned once that is done.")
     job = Job(planned.under(first_light(planned)), stages)
     lamps, bounces, count, picture = None, None, 0, None
-    if job.asked_lamps and job.beside.lamp_light is not None:
-        lamps, bounces, count = job.beside.lamp_light.plan, job.beside.lamp_light.bounce_plan, len(job.asked_lamps)
+    if job.asked_lamps and job.mix.lamp_light is not None:
+        lamps, bounces, count = job.mix.lamp_light.plan, job.mix.lamp_light.bounce_plan, len(job.asked_lamps)
     if job.from_inside and job.room is not None and job.room.lamps_found:
         from .output.lamps_picture import lamps_picture
 

@@ -285,14 +285,14 @@ def _lamps(job: "Job") -> list[str]:
     """The lines of the summary on added lamps and on the scale of their brightness."""
     if not job.mixes:
         return []
-    lines = [f"  lamp {number}: {text}" for number, text in enumerate(job.beside.in_words, 1)]
+    lines = [f"  lamp {number}: {text}" for number, text in enumerate(job.mix.in_words, 1)]
     if lines:
-        how = "from the height of the cameras" if job.beside.scale_known else "for an object 1 m across"
-        lines.append(f"  assumed scale: 1 m is {job.beside.scale.metre:.2g} units of the splat, {how}")
-        lux = job.beside.scale.irradiance / (job.beside.scale.candela or 1.0)
+        how = "from the height of the cameras" if job.mix.scale_known else "for an object 1 m across"
+        lines.append(f"  assumed scale: 1 m is {job.mix.scale.metre:.2g} units of the splat, {how}")
+        lux = job.mix.scale.irradiance / (job.mix.scale.candela or 1.0)
         lines.append(f"  assumed captured light: {lux:,.0f} lx, the basis of lumens")
-    if job.beside.captured_factor != 1.0:
-        lines.append(f"  {job.beside.captured_factor:.0%} of the captured light stays; exposed as the capture was")
+    if job.mix.captured_factor != 1.0:
+        lines.append(f"  {job.mix.captured_factor:.0%} of the captured light stays; exposed as the capture was")
     return lines
 
 

@@ -17,6 +17,7 @@ from splat2mesh.splats.cleaning import clean, sound
 
 from ..engine.appearance import Appearance, appearance_of, bounced_light
 from ..engine.exposure import level_of
+from ..engine.light_mix import LightMix, is_mixed
 from ..engine.relighter import Relighter
 from ..light.captured import CapturedLight
 from ..light.environment import Environment
@@ -28,7 +29,6 @@ from .inputs import Inputs
 from .meshing import of_splats
 
 if TYPE_CHECKING:
-    from ..engine.placed import LampLight
     from ..engine.relit_room import RelitRoom
     from ..gloss import SceneGloss
     from ..insert.asked import AskedInsert
@@ -36,7 +36,6 @@ if TYPE_CHECKING:
     from ..splats import Binding
     from ..splats.floor_mirror import FloorMirror
     from ..texture import Baked
-    from .extra_light import ExtraLight
 
 
 class KnownScene(Inputs):
@@ -170,11 +169,7 @@ class KnownScene(Inputs):
             cache=self.cache,
             seed=self.request.lighting.seed,
             stages=self.stages,
-            lamps=self._lamp_light,
         )
-
-    def _lamp_light(self) -> "LampLight | None":
-        return self.beside.lamp_light if self.mixes else None
 
     @cached_property
     def appearance(self) -> Appearance:
@@ -227,7 +222,8 @@ class KnownScene(Inputs):
         if closed:
             from ..engine.relit_room import RelitRoom
 
-            room = RelitRoom(look, self.relighter, self._level)
+            brightness = None if look.capture is None else look.capture["brightness"]
+            room = RelitRoom(look, self.relighter, level_of(brightness, self.environment))
         if isinstance(options.lamps, tuple):
             _ = room.lamp_factors if room else options.lamp_factors(0)  # or an InputError
         elif options.lamps != "keep" and not (room and room.lamps_found):
@@ -244,20 +240,10 @@ class KnownScene(Inputs):
     def assumed(self) -> dict[str, Any] | None:
         """The assumption for an environment without a known way in, JSON-clean: the share of the captured
         light that comes from outside, and the factor on it, RGB; None without an assumption."""
-        change = self.beside.assumed
+        change = self.mix.assumed
         if self.room is None or change is None:
             return None
         return {"outside": self.room.outside, "change": [round(float(each), 4) for each in change]}
-
-    @property
-    def brightness(self) -> float | None:
-        """Mean luminance of the light of the capture, in captured units; None where it is not known."""
-        return self.appearance.capture["brightness"] if self.appearance.capture else None
-
-    @property
-    def _level(self) -> float:
-        """Captured units per unit of the light's radiance that make it as bright as the captured light."""
-        return level_of(self.brightness, self.environment)
 
     @property
     def keeps_captured(self) -> bool:
@@ -273,24 +259,13 @@ class KnownScene(Inputs):
     @property
     def mixes(self) -> bool:
         """Whether the new light is more than an unchanged environment."""
-        options = self.options
-        others = bool(options.placed) or options.captured is not None or options.env_scale != 1.0
-        return others or self.keeps_captured
+        return is_mixed(self.options, self.environment)
 
     @cached_property
-    def beside(self) -> "ExtraLight":
-        """The light beside an environment."""
-        from .extra_light import ExtraLight
-
-        return ExtraLight(
-            options=self.options,
-            asked_lamps=self.asked_lamps,
-            environment=self.environment,
-            exposure_ev=self.request.exposure_ev,
-            relighter=self.relighter,
-            look=self.appearance,
-            room=self.room,
-        )
+    def mix(self) -> LightMix:
+        """All light on the scene."""
+        asked = self.options, self.asked_lamps, self.environment
+        return LightMix(*asked, self.relighter, self.appearance, self.room, self.request.exposure_ev)
 
     @cached_property
     def pass_views(self) -> "list[View] | None":

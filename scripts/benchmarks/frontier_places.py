@@ -173,7 +173,7 @@ class Place:
         request = RelightRequest(self.scene, "captured", options, formats=("npy",), caching="none")
         job = Job(request)
         vars(job).update(appearance=self.look, room=self.room)
-        light = job.beside.lamp_light
+        light = job.mix.lamp_light
         light.prepare()  # the bounces that the estimate of the captured light has traced
         return light
 
