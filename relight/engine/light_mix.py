@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from enum import Enum
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
@@ -104,9 +105,24 @@ def light_beside(
     return LightBeside(radiance, received, 1.0, level, 1.0, False, captured, bounces)
 
 
-def is_mixed(options: LightingOptions, environment: Environment) -> bool:
-    """Whether options request more than an unchanged environment."""
-    return options.adds_light or isinstance(environment, CapturedLight)
+class LightKind(Enum):
+    """What a new light is."""
+
+    ALONE = "an unchanged environment"
+    MIXED = "an environment, changed or beside captured light or lamps"
+    CAPTURED = "the captured light, changed or not, and lamps"
+
+    @property
+    def adds(self) -> bool:
+        """Whether it is more than an unchanged environment."""
+        return self is not LightKind.ALONE
+
+
+def kind_of(options: LightingOptions, environment: Environment) -> LightKind:
+    """Return the LightKind of an environment with these options."""
+    if isinstance(environment, CapturedLight):
+        return LightKind.CAPTURED
+    return LightKind.MIXED if options.adds_light else LightKind.ALONE
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,24 +150,14 @@ class LightMix:
     # its factors
 
     @property
-    def steady(self) -> bool:
-        """Whether no environment is known to enter: a closed room of unknown light, or without a window."""
-        return bool(self.room and self.room.steady)
-
-    @property
-    def keeps_captured(self) -> bool:
-        """Whether the light is that of the capture, changed or not."""
-        return isinstance(self.environment, CapturedLight)
-
-    @property
-    def mixes(self) -> bool:
-        """Whether the light is more than an unchanged environment."""
-        return is_mixed(self.options, self.environment)
+    def kind(self) -> LightKind:
+        """What the light is."""
+        return kind_of(self.options, self.environment)
 
     @property
     def alone(self) -> bool:
         """Whether the environment adds no light: it is the captured light, or does not enter the room."""
-        return self.keeps_captured or self.steady
+        return self.kind is LightKind.CAPTURED or self.look.as_captured
 
     @property
     def captured_factor(self) -> float:
@@ -168,12 +174,12 @@ class LightMix:
     def assumes(self) -> bool:
         """Whether an environment changes the room by an assumption: it lets none in, and the request adds no lamps and
         leaves the captured light as it is."""
-        return self.steady and self.look.kept and self.options.captured is None and not self.asked_lamps
+        return self.look.as_captured and self.options.captured is None and not self.asked_lamps
 
     @property
     def assumed(self) -> NDArray[np.float32] | None:
         """By that assumption the factor on captured light from outside, (3,) float32; None without it."""
-        if not self.assumes or self.keeps_captured:
+        if not self.assumes or self.kind is LightKind.CAPTURED:
             return None
         return assumed_change(self.environment, self.options.env_scale)
 
@@ -207,7 +213,7 @@ class LightMix:
         a known capture, it is the latter. first: radiance (V, 3) under the first light."""
         if self.exposure_ev is not None:
             return 2.0**self.exposure_ev
-        if self.mixes:  # lamps are given in units of the picture
+        if self.kind.adds:  # lamps are given in units of the picture
             return self.level(first)
         if self.room and self.room.exposure is not None:
             return self.room.exposure
@@ -309,9 +315,9 @@ class LightMix:
         """The light beside the environment. level: as of `level`. captured: fraction of the captured light. placed: the
         Placed of lamps, or None."""
         found = light_beside(self.look, self.own_colors if captured else self.look.captured, captured, placed, level)
-        scale = 0.0 if self.steady else self.options.env_scale
+        scale = 0.0 if self.look.as_captured else self.options.env_scale
         backdrop = captured if self.alone else scale
-        return found._replace(env_scale=scale, backdrop=backdrop, keeps_sky=self.keeps_captured)
+        return found._replace(env_scale=scale, backdrop=backdrop, keeps_sky=self.kind is LightKind.CAPTURED)
 
     def mixed(self, shaded: Shaded, level: float | None = None) -> Shaded:
         """The light of an environment with all its other parts. level: as of `level`, where it is known."""

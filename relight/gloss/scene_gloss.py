@@ -104,7 +104,7 @@ class SceneGloss:
     def of(self, look: "Appearance") -> Gloss | None:
         """The Gloss of the scene under its captured light, or None without gloss."""
         separable = look.capture is None or bool(look.capture["separable"])
-        if look.environment is None or look.room is not None or look.kept or not separable or self.fits is None:
+        if look.environment is None or look.room is not None or look.as_captured or not separable or self.fits is None:
             return None
         return materials(self.fits, look.environment.sh(harmonics.MAX_BANDS))
 

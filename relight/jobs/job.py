@@ -7,6 +7,7 @@ job.shaded()            shade
 
 import warnings
 from collections.abc import Iterator
+from copy import copy
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -18,6 +19,7 @@ from splat2mesh.options import ConvertOptions
 from splat2mesh.scene.mesh import Mesh
 
 from ..engine.appearance import albedo_kept
+from ..engine.light_mix import LightKind
 from ..engine.relighter import Shaded, Shading
 from ..light import CAPTURED
 from ..light.environment import Environment
@@ -52,9 +54,10 @@ class Job(KnownScene):
     def under(self, env: AnyLight) -> "Job":
         """The same job under another light. Both share every stage that does not depend on the light."""
         self.require("appearance", "formats")
-        other = Job(self.request.under(env), self.stages)
-        done = {name: made for name, made in vars(self).items() if name not in vars(other)}
-        vars(other).update({name: made for name, made in done.items() if name not in OF_ONE_LIGHT})
+        other = copy(self)
+        other.request = self.request.under(env)
+        for name in OF_ONE_LIGHT & vars(other).keys():
+            delattr(other, name)
         return other
 
     # plan
@@ -63,7 +66,7 @@ class Job(KnownScene):
     def plan(self) -> "Plan | None":
         """The Plan for all angles; None for a method without a plan and for a room that stays as captured."""
         albedo, room = self.appearance.albedo, self.room
-        if self.steady or self.keeps_captured:
+        if self.appearance.as_captured or self.light_kind is LightKind.CAPTURED:
             return None
         return (room.lit if room else self.relighter).plan_for(self.environment, albedo, len(self.request.angles_deg))
 
@@ -72,7 +75,7 @@ class Job(KnownScene):
 
         Without an estimate of the albedo, it plans with the captured colours.
         """
-        if self.choice_name != "estimated" or "appearance" in self.__dict__:
+        if self.choice_name != "estimated" or "appearance" in vars(self):
             return self.plan, ""
         relighter = self.relighter
         light = self._capture_env()
@@ -90,7 +93,7 @@ class Job(KnownScene):
         lights = self.lights
         # One light is shaded once. With several, a first pass finds the exposure, which avoids holding all in memory.
         first = self.shading(lights[0])
-        if not first.radiance.any() and lights[0].radiance.any() and not self.mixes:
+        if not first.radiance.any() and lights[0].radiance.any() and not self.light_kind.adds:
             message = "no vertex receives any light: the scene is closed, or its faces and normals point inwards"
             warnings.warn(message, DataWarning, stacklevel=2)
         exposure = self.mix.exposure(lights, first.radiance)
@@ -100,8 +103,8 @@ class Job(KnownScene):
 
     def let_go(self, shaded: Shaded) -> None:
         """Free the kept bounces, most of the memory, where files need only the light of the surfaces."""
-        alone = not (self.mixes or self.asked_inserts or self.request.baked) and set(self.formats) <= OF_SURFACES
-        if alone and self.relighter.cache.settings_of("bounces"):
+        others = self.light_kind.adds or self.asked_inserts or self.request.baked or set(self.formats) - OF_SURFACES
+        if not others and self.relighter.cache.settings_of("bounces"):
             self.relighter.precomputed.forget(shaded.shading.settings._replace(bounce_rays=0))
 
     @cached_property
@@ -144,7 +147,7 @@ class Job(KnownScene):
         return PlacedLamps(self.mix.lamps_shown(light, radiance, exposure), [each.name for each in self.asked_lamps])
 
     def _with_others(self, shaded: Shaded) -> Shaded:
-        shaded = self.mix.mixed(shaded) if self.mixes else shaded
+        shaded = self.mix.mixed(shaded) if self.light_kind.adds else shaded
         return shaded if self.inserts is None else self._with_objects(shaded, self.inserts)
 
     def light_around(self, shaded: Shaded) -> "Light":
@@ -172,7 +175,7 @@ class Job(KnownScene):
         captured light. lamps: from added lamps, bounces included. All but sun sum to the radiance.
         """
         own, scale, parts = self.shading(shaded.light), np.float32(1.0), {}
-        if self.mixes:
+        if self.light_kind.adds:
             parts, scale = self.mix.parts(self.mix.level(own.radiance)), np.float32(self.mix.env_scale)
         if scale > 0.0 and own.radiance.any():
             if self.room:

@@ -15,11 +15,10 @@ from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.cleaning import clean, sound
 
-from ..engine.appearance import Appearance, appearance_of, bounced_light
+from ..engine.appearance import Appearance, Place, appearance_of, bounced_light
 from ..engine.exposure import level_of
-from ..engine.light_mix import LightMix, is_mixed
+from ..engine.light_mix import LightKind, LightMix, kind_of
 from ..engine.relighter import Relighter
-from ..light.captured import CapturedLight
 from ..light.environment import Environment
 from ..light.loading import light_of
 from ..output.pass_views import moved_view
@@ -113,7 +112,7 @@ class KnownScene(Inputs):
         Damaged splats are bound later, and warn then.
         """
         self.require("relighter")
-        if not (self.keeps_captured or self.options.opened):
+        if not (self.light_kind is LightKind.CAPTURED or self.options.opened):
             self.relighter.precomputed.begin()
         if self.shows_splats and self.splats is not None:
             from ..splats import Binding
@@ -178,10 +177,10 @@ class KnownScene(Inputs):
         with self.stages.stage("load"):
             capture_env = self._capture_env()
         look = self._retinted(appearance_of(self._choice, capture_env, relighter))
-        if self.options.opened:  # a room whose own light is not known is lit by its captured colours
-            return look._replace(kept=False)
+        if self.options.opened:
+            return look if look.room is not None else look._replace(place=Place.OPEN)
         shut = look.room is not None and look.room.report["windows"] is None
-        return look._replace(kept=True) if shut else look
+        return look._replace(place=Place.SHUT) if shut else look
 
     def _retinted(self, look: Appearance) -> Appearance:
         """The Appearance under a captured light of the requested colour, if any."""
@@ -191,7 +190,7 @@ class KnownScene(Inputs):
         from ..engine.tint import color_where_white, retinted
 
         name = "capture_tint" if place is None else "white_at"
-        if look.environment is None or look.room is not None or look.kept or not (look.capture or {}).get("separable"):
+        if look.environment is None or look.place is not Place.OPEN or not (look.capture or {}).get("separable"):
             raise InputError(
                 f"`{name}`: it changes the light that a splat of an object or an open place was captured in"
             )
@@ -232,11 +231,6 @@ class KnownScene(Inputs):
         return room
 
     @property
-    def steady(self) -> bool:
-        """Whether no environment is known to enter: a closed room of unknown light, or without a window."""
-        return bool(self.room and self.room.steady)
-
-    @property
     def assumed(self) -> dict[str, Any] | None:
         """The assumption for an environment without a known way in, JSON-clean: the share of the captured
         light that comes from outside, and the factor on it, RGB; None without an assumption."""
@@ -246,20 +240,15 @@ class KnownScene(Inputs):
         return {"outside": self.room.outside, "change": [round(float(each), 4) for each in change]}
 
     @property
-    def keeps_captured(self) -> bool:
-        """Whether the light is that of the capture, changed or not."""
-        return isinstance(self.environment, CapturedLight)
-
-    @property
     def lamps_found(self) -> list[dict[str, Any]]:
         """Entries of the report for the captured lamps of a closed room, by number."""
         room = self.appearance.room
         return [] if room is None else list(room.report["lamps"])
 
     @property
-    def mixes(self) -> bool:
-        """Whether the new light is more than an unchanged environment."""
-        return is_mixed(self.options, self.environment)
+    def light_kind(self) -> LightKind:
+        """What the new light is."""
+        return kind_of(self.options, self.environment)
 
     @cached_property
     def mix(self) -> LightMix:

@@ -28,18 +28,18 @@ if TYPE_CHECKING:
 def surroundings_under(shaded: Shaded, mix: LightMix) -> "Surroundings":
     """Return the Surroundings of a scene in a light, in the unit of its radiance."""
     light = light_under(shaded, mix)
-    lamps = mix.lamp_light.lamps if mix.mixes and mix.lamp_light is not None else []
+    lamps = mix.lamp_light.lamps if mix.kind.adds and mix.lamp_light is not None else []
     return _around(mix, shaded.shading.radiance, light, lamps, _level(shaded, mix))
 
 
 def surroundings_in(now: "ObjectsUnder", mix: LightMix) -> "Surroundings":
     """Return the Surroundings of a scene in the light of its session."""
-    captured = 1.0 if mix.steady and not mix.mixes and now.captured == 0.0 else now.captured
+    captured = 1.0 if mix.look.as_captured and not mix.kind.adds and now.captured == 0.0 else now.captured
     skies = []
-    if now.env_scale > 0.0 and not mix.steady:
-        light = light_of(now.environment)
-        if not isinstance(light, CapturedLight):
-            skies.append(Sky(light.rotated(now.angle_deg), now.env_scale))
+    if now.env_scale > 0.0 and not mix.look.as_captured:
+        environment = light_of(now.environment)
+        if not isinstance(environment, CapturedLight):
+            skies.append(Sky(environment.rotated(now.angle_deg), now.env_scale))
     light = _with_captured(mix, skies, captured, now.radiance, now.level)
     lamps = mix.light_of(now.lamps, now.captured).lamps if now.lamps else []
     return _around(mix, now.radiance, light, lamps, now.level)
@@ -47,7 +47,7 @@ def surroundings_in(now: "ObjectsUnder", mix: LightMix) -> "Surroundings":
 
 def light_under(shaded: Shaded, mix: LightMix) -> Light:
     """Return the skies of a light, and the radiance of captured lamps in it."""
-    captured = mix.captured_factor if mix.mixes else float(mix.steady)
+    captured = mix.captured_factor if mix.kind.adds else float(mix.look.as_captured)
     skies = [Sky(shaded.light, mix.env_scale)] if mix.env_scale > 0.0 else []
     return _with_captured(mix, skies, captured, shaded.shading.radiance, _level(shaded, mix))
 
@@ -63,12 +63,12 @@ def _with_captured(mix: LightMix, skies: list[Sky], captured: float, radiance: R
     """The Light of skies and of a fraction of the captured light, at a level as of `_around`."""
     if captured > 0.0:
         skies = [*skies, Sky(_captured_sky(mix), captured / level)]
-    return Light(skies, _glow(radiance, mix, (captured if mix.mixes else 1.0) / level))
+    return Light(skies, _glow(radiance, mix, (captured if mix.kind.adds else 1.0) / level))
 
 
 def _level(shaded: Shaded, mix: LightMix) -> float:
     """Units of the picture per unit of the radiance."""
-    return mix.level(shaded.shading.radiance) if mix.mixes else shaded.exposure
+    return mix.level(shaded.shading.radiance) if mix.kind.adds else shaded.exposure
 
 
 def _captured_sky(mix: LightMix) -> Environment:

@@ -34,40 +34,44 @@ if TYPE_CHECKING:
 
 def session_of(job: Job) -> SessionRequest:
     """Return what `viewer.view` shows of a job: its albedo first, and the lights beside its own."""
-    look, room = job.appearance, job.room
-    others = {"captured": look.captured, "white": None}
+    look, room, opened = job.appearance, job.room, job.options.opened is not None
     chosen = job.choice_name if job.choice_name in CHOICES else Path(job.choice_name).stem
-    lights = Path(job.light_name)
-    exposure = None if job.request.exposure_ev is None else 2.0**job.request.exposure_ev
+    lights, asked, source = Path(job.light_name), job.request.exposure_ev, _lamp_source(job)
     albedo, by_lamps = (look.albedo, None) if room is None else room.session(job.lights[0])
-    exposure = room.exposure if room and exposure is None else exposure
-    opened = job.options.opened is not None
-    albedos = {chosen: albedo, **{name: each for name, each in others.items() if name != chosen}}
-    source = _lamp_source(job)
-    mixture = None
-    if job.mixes:
-        source.mixture(source.captured, None)  # before lamps: a relight shades by the environment first, too
-        lamp_light = job.mix.lamp_light
-        mixture = source.mixture(source.captured, None if lamp_light is None else lamp_light.placed)
+    exposure = room.exposure if room else None
+    mixture = _first_mixture(job, source) if job.light_kind.adds else None
+    others = {"captured": look.captured, "white": None}
     if mixture is not None:  # what lamps light is known for one albedo
-        albedos, exposure = {chosen: albedo}, mixture.level if exposure is None else exposure
-        by_lamps = None if job.keeps_captured or job.steady else by_lamps
-    return SessionRequest(
+        others, by_lamps = {}, None if job.mix.alone else by_lamps
+        exposure = mixture.level if exposure is None else exposure
+    request = SessionRequest(
         scene=room.lit.scene if room and opened else job.scene,
         environment=job.lights[0],
         lighting=replace(job.options, budget_s=None).planned(),  # a session has a tolerance
-        albedos=albedos,
+        albedos={chosen: albedo, **{name: each for name, each in others.items() if name != chosen}},
         environments_folder=lights.parent if lights.is_file() else None,
-        exposure=exposure,
-        cache=None if opened else job.relighter.cache,
+        exposure=exposure if asked is None else 2.0**asked,
         lamps={} if by_lamps is None else {chosen: by_lamps},
         lamps_known=bool(room and room.lamps_found),
-        state={"lamps": 1.0 if look.kept else job.options.lamp_factor},  # already in the colours of a kept room
-        splats=None if opened or job.splats is None else _splats(job, chosen, mixture),
+        state={"lamps": 1.0 if look.as_captured else job.options.lamp_factor},  # already in the colours of such a room
         mixture=mixture,
-        lamp_source=None if opened else source,
-        object_source=None if opened or not job.asked_inserts else _object_source(job),
     )
+    if opened:
+        return request
+    return replace(
+        request,
+        cache=job.relighter.cache,
+        splats=None if job.splats is None else _splats(job, chosen, mixture),
+        lamp_source=source,
+        object_source=_object_source(job) if job.asked_inserts else None,
+    )
+
+
+def _first_mixture(job: Job, source: "LampSource") -> LightBeside:
+    """The light beside the environment as it is requested."""
+    source.mixture(source.captured, None)  # before lamps: a relight shades by the environment first, too
+    lamp_light = job.mix.lamp_light
+    return source.mixture(source.captured, None if lamp_light is None else lamp_light.placed)
 
 
 def _lamp_source(job: Job) -> "LampSource":
@@ -102,7 +106,7 @@ def _lamp_source(job: Job) -> "LampSource":
     return LampSource(
         asked=mix.asked_lamps,
         captured=mix.captured_factor,
-        mixes=mix.mixes,
+        mixes=mix.kind.adds,
         prepare=prepare,
         light_of=mix.light_of,
         mixture=mixture,
@@ -118,7 +122,7 @@ def _received_of(job: Job) -> "Callable[[NDArray[np.float32], float], NDArray[np
     look, room = job.appearance, job.room
 
     def received(radiance: NDArray[np.float32], exposure: float) -> NDArray[np.float32]:
-        if look.kept:  # the session shows the captured colours, times what its lamps are dimmed by
+        if look.as_captured:  # the session shows the captured colours, times what its lamps are dimmed by
             return look.irradiance * (radiance + LEAST_ALBEDO) / (look.captured + np.float32(LEAST_ALBEDO))
         if room and look.room is not None:
             radiance = room.as_captured(radiance, job.options.unplanned)
@@ -167,7 +171,7 @@ def _splats(job: Job, chosen: str, mixture: LightBeside | None) -> "SplatSource"
     received = _received_of(job)
 
     def binding() -> "Binding":
-        if not look.kept:
+        if not look.as_captured:
             received(np.zeros_like(look.captured), 1.0)  # the light of the capture in a room takes long, once
         return job.binding
 
@@ -182,5 +186,5 @@ def _splats(job: Job, chosen: str, mixture: LightBeside | None) -> "SplatSource"
     def far(source: Splats) -> FarSplats:
         return far_splats(source, job.scene, look, job.mirror)
 
-    level = job.mix.brightness if look.kept and mixture is None else None
+    level = job.mix.brightness if look.as_captured and mixture is None else None
     return SplatSource(splats[0], binding, looks, far, level)

@@ -173,7 +173,7 @@ class Writer:
             seed,
             job.lamps_shown,
             job.gloss,
-            lambda: job.mix.lamp_light if job.mixes else None,
+            lambda: job.mix.lamp_light if job.light_kind.adds else None,
             lambda: job.mirror,
             job.texture,
         )
@@ -237,7 +237,7 @@ def report_of(job: Job, shaded: Shaded) -> dict[str, Any]:
         "lamps": _lamps_of(job.options),
         "placed": job.mix.in_words,
         "inserted": [described(each) for each in job.asked_inserts],
-        "captured": job.mix.captured_factor if job.mixes else None,
+        "captured": job.mix.captured_factor if job.light_kind.adds else None,
         "env_scale": job.options.env_scale,
         "assumed": job.assumed,
         "open": job.options.opened,

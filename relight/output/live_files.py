@@ -68,7 +68,7 @@ class LiveFiles:
         from ..live.live import LiveScene, live_of
         from ..live.terms import sources_of
 
-        mixes = self._mix.under(light).mixes
+        mixes = self._mix.under(light).kind.adds
         if mixes not in self._live:
             others = {each.name: each for each in self._others if each.name != light.name}
             settings = self._settings(next(iter(others.values())) if isinstance(light, CapturedLight) else light)
@@ -116,7 +116,7 @@ class LiveFiles:
         if self._mix.assumes:
             return light_of(light.rotated(-light.rotation_deg), *self._assumed_light(light, exposure))
         found = light_of(light.rotated(-light.rotation_deg), exposure, self._lamps(light, exposure))
-        if not self._mix.under(light).mixes:
+        if not self._mix.under(light).kind.adds:
             return found
         if not self._exposed:
             return self._beside(found, light)
@@ -139,7 +139,7 @@ class LiveFiles:
     def _beside(self, found: Any, light: "Environment", unit: float = 1.0) -> Any:
         """A Light with the light beside it. An environment without effect shows only through windows."""
         captured = self._mix.under(light).captured_factor
-        scale = captured if self._mix.steady else self._mix.options.env_scale
+        scale = captured if self._appearance.as_captured else self._mix.options.env_scale
         return found._replace(captured=captured, unit=unit).times(scale)
 
     def _assumed_light(self, light: "Environment", exposure: float) -> tuple[float, float]:
@@ -162,7 +162,7 @@ class LiveFiles:
             room is None
             or not room.lamps_found
             or capture is None
-            or (self._mix.steady and self._mix.under(light).mixes)
+            or (self._appearance.as_captured and self._mix.under(light).kind.adds)
         ):
             return 0.0
         mean = light.mean_luminance
@@ -171,7 +171,7 @@ class LiveFiles:
     def _settings(self, light: "Environment") -> Settings:
         """The settings of the first light's plan; other lights are unknown, so bounces are always included."""
         options = self._relighter.options
-        if self._mix.steady:
+        if self._appearance.as_captured:
             return options.unplanned
         settings = self._lit.shading(light, self._appearance.albedo).settings
         if settings.rays and BOUNCES in options.chosen_effects and not settings.bounce_rays:

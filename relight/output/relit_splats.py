@@ -102,7 +102,7 @@ class RelitSource:
         """The splats in the new light, row by row those of the source, in its frame."""
         far, look, light, exposure = self._far, self._appearance, shaded.light, shaded.exposure
         factor = exposure * shaded.backdrop
-        if look.capture is not None and look.kept and shaded.environment > 0.0:
+        if look.capture is not None and look.as_captured and shaded.environment > 0.0:
             # The sky is as bright beside what was captured as it was then.
             factor = look.capture["brightness"] / max(light.mean_luminance, LEAST_LIGHT)
             if shaded.shading.received is None:

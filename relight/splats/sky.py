@@ -73,7 +73,7 @@ def shown_as_sky(
     before it, also near surfaces where it is known from where the capture looked. In the windows of a closed room, and
     where all stays as captured, all of the background. What lies below a floor that mirrors shows the room."""
     rows = scene.background_splats
-    indoors = appearance.room is not None or appearance.kept
+    indoors = appearance.room is not None or appearance.as_captured
     if not indoors and len(rows):
         rows = _kept_rows(splats, rows, scene, Cache() if cache is None else cache)
     return rows if mirror is None else mirror.spared(rows)

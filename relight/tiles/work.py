@@ -83,8 +83,8 @@ def common_light(
     mix = LightMix(options, asked_lamps(options.placed), sky, relighter, look, exposure_ev=ev, metre=CITY_METRE)
     shading = mix.alone_under(sky)
     exposure = mix.exposure([sky], shading.radiance)
-    received = look.received(shading.radiance)
-    if mix.mixes:
+    received: Any = look.received(shading.radiance)
+    if mix.kind.adds:
         mixture = CityMixture.of(mix, mix.level(shading.radiance))
         received = mixture.beside(relighter, look).shading(look, shading).received
         shared = shared._replace(mixture=mixture)
@@ -197,7 +197,7 @@ def _lit_part(
     shading = LightMix(request.options, (), shared.sky, relighter, look).alone_under(shared.sky)
     del relighter, plan  # which hold all that was traced
     give_back()
-    received = look.received(shading.radiance)
+    received: Any = look.received(shading.radiance)
     if beside is not None:
         shading = beside.shading(look, shading)
         received = shading.received

@@ -22,7 +22,6 @@ from ..splats.binding import ROUNDS
 from ..splats.sky import FarSplats
 
 if TYPE_CHECKING:
-    from ..engine.placed import LampLight
     from ..insert.inserts import InsertedLight
     from ..splats import Binding
     from .session_view import SessionView
@@ -41,8 +40,8 @@ class SplatLook(NamedTuple):
     gloss: Callable[[Splats, NewLight], Splats] | None = None
 
 
-def beside(alone: NewLight, mixture: LightBeside, lamps: "LampLight | None") -> NewLight:
-    """The NewLight of an environment beside the captured light and lamps of a mixture."""
+def beside(alone: NewLight, mixture: LightBeside, lamps: Any) -> NewLight:
+    """The NewLight of an environment beside the captured light and lamps, a LampLight or None, of a mixture."""
     return alone._replace(
         light=mixture.env_scale * alone.light,
         radiance=mixture.with_environment(alone.radiance),
@@ -78,7 +77,7 @@ class _Wanted(NamedTuple):
     radiance: NDArray[np.float32]
     exposure: float
     albedo: str
-    sky: tuple[str, float, bool] | None  # name, angle and whether it is shown; None where no splat shows it
+    sky: tuple[str | None, float, bool] | None  # name, angle and whether it is shown; None where no splat shows it
     mixture: LightBeside | None
     inserted: "InsertedLight | None" = None
 
@@ -168,48 +167,55 @@ class RelitSplats:
     ) -> Callable[..., Splats]:
         """The function that relights the splats as a session wants them now: all, or with 0 rounds what is quick."""
         look, state, light, mixture = self.source.looks[wanted.albedo], session.state, session.light, wanted.mixture
-        board, bench, objects = session.board, session.bench, session.objects
-        lamps = [] if board is None else [lamp.asked for lamp in board.state.lamps]
-        own_sky, sky_exposure, exposure = (
-            mixture is not None and mixture.keeps_sky,
-            session.sky_exposure(),
-            wanted.exposure,
-        )
+        objects, mirrored = session.objects, _mirrored(session, wanted, look.gloss is not None)
+        own_sky = mixture is not None and mixture.keeps_sky
+        sky_exposure, exposure = session.sky_exposure(), wanted.exposure
+        receives = look.received if mixture is None else mixture.receives(look.received)
         bound = BoundSplats(binding, look.before, far, look.gloss)
         if not (state.sky or own_sky):
             bound = bound._replace(far=far._replace(choice="drop"))
         if objects is not None:
             bound = bound._replace(floor=objects.source.floor)
 
-        def mirrored(received: NDArray[np.floating]) -> NewLight | None:
-            if look.gloss is None or light is None:
-                return None
-            shining = turned_about_y(light.coefficients, state.angle_deg) * exposure
-            alone = NewLight(shining, wanted.radiance, received, exposure)
-            if mixture is None:
-                return alone
-            traced = bench.source.light_of(lamps, mixture.captured) if bench is not None and lamps else None
-            return beside(alone, mixture, traced)
-
         def relit_now(rounds: int = ROUNDS) -> Splats:
-            receives = look.received if mixture is None else mixture.receives(look.received)
             under = SplatLight(receives(wanted.radiance, exposure), exposure)
             if own_sky:
                 under = under._replace(sky=CapturedLight(), sky_factor=sky_exposure)
             elif wanted.sky is not None and light is not None:
-                under = under._replace(**self._sky(wanted.sky, light.sky, sky_exposure))
+                sky = Environment(light.sky, wanted.sky[0] or "").rotated(wanted.sky[1])
+                under = self._under_sky(under, sky, sky_exposure)
             if rounds:
                 under = under._replace(mirrored=mirrored(under.received), inserted=wanted.inserted)
             return relit(bound, under, rounds)
 
         return relit_now
 
-    def _sky(self, wanted: tuple[str, float, bool], image: NDArray[np.float32], exposure: float) -> dict[str, Any]:
-        """The sky of a SplatLight. wanted: of `_Wanted`."""
-        sky, level = Environment(image, wanted[0]).rotated(wanted[1]), self.source.sky_level
+    def _under_sky(self, light: SplatLight, sky: Environment, exposure: float) -> SplatLight:
+        """The light with an environment, turned, in the sky."""
+        level = self.source.sky_level
         factor = 1.0 if level is None else level / max(sky.mean_luminance, LEAST_LIGHT)
-        return {"sky": sky, "sky_factor": exposure * factor}
+        return light._replace(sky=sky, sky_factor=exposure * factor)
 
     def close(self) -> None:
         """Stop all requests."""
         self._thread.shutdown(wait=False, cancel_futures=True)
+
+
+def _mirrored(
+    session: "SessionView", wanted: _Wanted, glossy: bool
+) -> Callable[[NDArray[np.floating]], NewLight | None]:
+    """The function for what glossy splats mirror of the present light of a session, whose vertices receive so much."""
+    state, light, board, bench, mixture = session.state, session.light, session.board, session.bench, wanted.mixture
+    lamps = [] if board is None else [lamp.asked for lamp in board.state.lamps]
+
+    def mirrored(received: NDArray[np.floating]) -> NewLight | None:
+        if not glossy or light is None:
+            return None
+        shining = turned_about_y(light.coefficients, state.angle_deg) * wanted.exposure
+        alone = NewLight(shining, wanted.radiance, received, wanted.exposure)
+        if mixture is None:
+            return alone
+        traced = bench.source.light_of(lamps, mixture.captured) if bench is not None and lamps else None
+        return beside(alone, mixture, traced)
+
+    return mirrored

@@ -98,7 +98,7 @@ def made(kind, options):
 def measured(place, report):
     """(name, rows) of the panels that make sense for a place."""
     panels = place.options.panels
-    if "sky" in panels and not place.job.steady:
+    if "sky" in panels and not place.job.appearance.as_captured:
         yield f"sky {place.options.env}", place.sky(report)
     if "lamp" in panels:
         yield "lamp", place.lamp()
