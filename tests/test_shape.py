@@ -212,3 +212,10 @@ def test_no_import_leads_back_to_where_it_began():
 )
 def test_circles_are_found(arrows, expected):
     assert circles(arrows) == expected
+
+
+@pytest.mark.parametrize("folder", ["relight/jobs", "relight/insert"])
+def test_nothing_writes_the_attributes_of_another_object_past_its_names(folder):
+    for path in sorted((ROOT / folder).glob("*.py")):
+        text = path.read_text("utf-8")
+        assert "__dict__" not in text and "vars(other).update" not in text, path.name
