@@ -72,7 +72,7 @@ def with_known_light(
 ) -> Estimate:
     """Albedo of a scene captured under a known Environment, whose exposure in each colour is found: an Estimate.
 
-    Where a captured sky shows enough of that light, it determines the exposure. Arguments and errors as of `estimate`.
+    One that is `exposed` is taken as it is. Where a captured sky shows enough of that light, it determines the exposure. Arguments and errors as of `estimate`.
     """
     scene = CapturedScene(occluder, captured, seed, advance, transport, evidence)
     problem = scene.problem()
@@ -81,6 +81,8 @@ def with_known_light(
         problem = f"the light {environment.name} does not reach it in all three colours"
     if problem:
         return scene.as_captured(problem)
+    if environment.exposed:
+        return scene.result(environment, 1.0, direct)
     measured = None if scene.sky is None else exposure_of(scene.sky, environment)
     if measured is not None:
         seen = Environment(environment.radiance * measured, environment.name, environment.rotation_deg)
