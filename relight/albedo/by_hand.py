@@ -93,10 +93,11 @@ class HandLight:
 
 
 class SkyAndSun(NamedTuple):
-    """An offered light in its parts. entry: of `captured_light.json`. sky: an Environment without the sun. color: (3,)
-    of the sun, luminance 1. hand: the HandLight that leaves it as offered."""
+    """An offered light in its parts. entry: of `captured_light.json`. whole: the Environment as offered. sky: without
+    the sun. color: (3,) of the sun, luminance 1. hand: the HandLight that leaves it as offered."""
 
     entry: LikelyLight
+    whole: Environment
     sky: Environment
     color: NDArray[np.float64]
     hand: HandLight
@@ -108,14 +109,14 @@ class SkyAndSun(NamedTuple):
         image = environment.lookup(directions).astype(np.float64)
         if entry.sun is None:
             sky = _environment(image, entry.name)
-            return cls(entry, sky, np.ones(3), HandLight())
+            return cls(entry, environment, sky, np.ones(3), HandLight())
         hand = HandLight().changed(azimuth_deg=entry.sun.azimuth_deg, height_deg=entry.sun.height_deg)
         image, added = _without_sun(image, hand.direction)
         bright = float(luminance(added))
         sky = _environment(image, entry.name)
         rest = float(luminance(_facing(image, hand.direction)))
         hand = hand.changed(sun_share=bright / max(bright + rest, 1e-12))
-        return cls(entry, sky, added / bright if bright > 0.0 else np.ones(3), hand)
+        return cls(entry, environment, sky, added / bright if bright > 0.0 else np.ones(3), hand)
 
     def parts(self, hand: HandLight) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Factors (3,) on the sky, and the irradiance (3,) of the sun on a surface that faces it.
@@ -136,7 +137,7 @@ class SkyAndSun(NamedTuple):
     def environment(self, hand: HandLight) -> Environment:
         """The whole light as an Environment in the unit of the captured colours, which needs no exposure."""
         factors, irradiance = self.parts(hand)
-        directions, areas = _texels()
+        directions, _ = _texels()
         image = self.sky.radiance.reshape(-1, 3) * factors
         if irradiance.any():
             lobe = np.exp(-0.5 * (_angles_deg(directions, hand.direction) / SUN_WIDTH_DEG) ** 2)
@@ -178,6 +179,12 @@ class HandScene:
         self._sample = np.unique(np.linspace(0, count - 1, min(SAMPLED, count)).astype(np.int64))
         self._shares = np.where(scene.usable, scene.areas, 0.0)
 
+    def under(self, environment: Environment) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Albedo and irradiance, (V, 3) each, under an Environment in the unit of the captured colours."""
+        scene = self.scene
+        irradiance = scene.direct(environment) + scene.bounce
+        return albedo_of(scene.captured, irradiance, prior_of(scene.captured, irradiance, self._shares)), irradiance
+
     def albedo(self, offered: SkyAndSun, hand: HandLight, exact: bool = False) -> NDArray[np.float32]:
         """(V, 3) under a light set by hand, as `albedo_of` divides.
 
@@ -185,8 +192,7 @@ class HandScene:
         """
         scene = self.scene
         if exact:
-            irradiance = scene.direct(offered.environment(hand)) + scene.bounce
-            return albedo_of(scene.captured, irradiance, prior_of(scene.captured, irradiance, self._shares))
+            return self.under(offered.environment(hand))[0]
         light = offered.coefficients(hand, self._bands).astype(np.float32)
         irradiance = np.maximum(scene.transport.transfer @ light, np.float32(0.0)) + scene.bounce
         rows = self._sample

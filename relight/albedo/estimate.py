@@ -72,7 +72,8 @@ def with_known_light(
 ) -> Estimate:
     """Albedo of a scene captured under a known Environment, whose exposure in each colour is found: an Estimate.
 
-    One that is `exposed` is taken as it is. Where a captured sky shows enough of that light, it determines the exposure. Arguments and errors as of `estimate`.
+    Where a captured sky shows enough of that light, it determines the exposure. One that is `exposed` is taken as is.
+    Arguments and errors as of `estimate`.
     """
     scene = CapturedScene(occluder, captured, seed, advance, transport, evidence)
     problem = scene.problem()

@@ -13,6 +13,7 @@ from ..albedo.by_hand import HandLight, HandScene, SkyAndSun, keep, offered_in
 from ..albedo.captured import CapturedScene, CaptureEvidence
 from ..albedo.seen import looks_from
 from ..light.captured_light import NAME, LikelyLight, read_lights
+from ..light.environment import Environment
 from .appearance import CAPTURE, CAPTURE_OF_PLACE, Appearance, sky_of
 from .relighter import Relighter
 
@@ -50,6 +51,10 @@ class LightByHand:
     def albedo(self, number: int, hand: HandLight, exact: bool = False) -> NDArray[np.float32]:
         """(V, 3) under an offered light changed by hand. exact: with the sun traced."""
         return self._known.albedo(self.offered[number], hand, exact)
+
+    def under(self, environment: Environment) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Albedo and irradiance, (V, 3) each, under an Environment in the unit of the captured colours."""
+        return self._known.under(environment)
 
     def keep(self, number: int, hand: HandLight) -> Path:
         """Write the light into the folder of the scene, as the one that commands use from now on: the path of the JSON.
