@@ -9,11 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..engine.appearance import CHOICES, LEAST_ALBEDO
+from ..engine.by_hand import LightByHand, can_be_set
 from ..engine.placed import Placed
 from ..lamps.asked import AskedLamp
 from ..lamps.color import WHITE
 from ..lamps.shapes import SphereLamp
 from ..transfer.occluder import Frame
+from ..viewer.hand_source import HandSource
 from ..viewer.request import SessionRequest
 from .job import Job
 
@@ -67,7 +69,27 @@ def session_of(job: Job) -> SessionRequest:
         mixture=mixture,
         lamp_source=None if opened else source,
         object_source=None if opened or not job.asked_inserts else _object_source(job),
+        hand_source=None if opened or not can_be_set(look, job.relighter) else _hand_source(job),
     )
+
+
+def _hand_source(job: Job) -> HandSource:
+    """The HandSource of a session."""
+    return HandSource(lambda: LightByHand(job.relighter, job.appearance), _first_hits_of(job))
+
+
+def _first_hits_of(job: Job) -> "Callable[[NDArray[np.float32]], Hits]":
+    """The first hits of rays (N, 6) in the frame of the scene."""
+    frames: list[Frame] = []
+
+    def first_hits(rays: NDArray[np.float32]) -> "Hits":
+        if not frames:
+            frames.append(Frame.around(job.scene.vertices, job.scene.faces))
+        (frame,) = frames
+        unit = np.concatenate([frame.unit(rays[:, :3]), rays[:, 3:] / np.float32(frame.diagonal)], axis=1)
+        return job.relighter.occluder.first_hits(unit)
+
+    return first_hits
 
 
 def _lamp_source(job: Job) -> "LampSource":
@@ -76,7 +98,6 @@ def _lamp_source(job: Job) -> "LampSource":
 
     beside, light = job.beside, job.lights[0]
     found: list[float] = []
-    frames: list[Frame] = []
 
     def level() -> float:
         if not found:
@@ -94,13 +115,6 @@ def _lamp_source(job: Job) -> "LampSource":
         mixture(1.0, None)
         beside.light_of([AskedLamp(SphereLamp((0.0, 0.0, 0.0), intensity=WHITE))], 1.0).glimpse()  # which compiles it
 
-    def first_hits(rays: NDArray[np.float32]) -> "Hits":
-        if not frames:
-            frames.append(Frame.around(job.scene.vertices, job.scene.faces))
-        (frame,) = frames
-        unit = np.concatenate([frame.unit(rays[:, :3]), rays[:, 3:] / np.float32(frame.diagonal)], axis=1)
-        return job.relighter.occluder.first_hits(unit)
-
     return LampSource(
         asked=beside.asked_lamps,
         captured=beside.captured_factor,
@@ -109,7 +123,7 @@ def _lamp_source(job: Job) -> "LampSource":
         light_of=beside.light_of,
         mixture=mixture,
         scale=lambda: beside.scale,
-        first_hits=first_hits,
+        first_hits=_first_hits_of(job),
         scene_from_splat=np.asarray(job.scene.scene_from_splat, np.float64),
         command=f"relight {job.name} --env {job.light_name} --captured {{captured}} --lamp {{lamps}}",
     )

@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     from splat2mesh.scene.scene import Scene
 
     from ..insert.inserts import InsertedLight
+    from .hand_bench import HandBench
     from .lamp_board import LampBoard
     from .lighting import ConvergedLight, SessionLight
     from .mixture import SessionMixture
@@ -48,6 +49,9 @@ class SessionView(Protocol):
 
     @property
     def board(self) -> "LampBoard | None": ...
+
+    @property
+    def hand(self) -> "HandBench | None": ...
 
     @property
     def objects(self) -> "ObjectBench | None": ...
