@@ -12,7 +12,6 @@ from ..light.sun_position import toward
 from .hand_bench import HandBench
 
 if TYPE_CHECKING:
-    from .panel import HotArea
     from .window_view import WindowView
 
 SUN_MAP, OFFER = "hand sun", "hand light"
@@ -82,14 +81,14 @@ class HandTool:
         except InputError as error:
             self._window.note = str(error)
 
-    def grip(self, hot: "HotArea", x: float, y: float) -> bool:
-        """Take a press on a map; return whether it was on one."""
-        if hot.name == SUN_MAP:
-            self._aims = hot.box
+    def grip(self, name: str, box: tuple[float, ...], x: float, y: float) -> bool:
+        """Take a press on a hot area, if it is a map; return whether it is."""
+        if name == SUN_MAP:
+            self._aims = box
             self.aim(x, y)
             return True
-        if hot.name.startswith(OFFER):
-            number = int(hot.name.removeprefix(OFFER))
+        if name.startswith(OFFER):
+            number = int(name.removeprefix(OFFER))
             self._window.session.set_hand(lambda bench: bench.choose(number))
             return True
         return False

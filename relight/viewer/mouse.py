@@ -56,7 +56,7 @@ class Mouse:
             if hot is None:
                 takes = button == "Left" and (self.lamps.on or self.hand.clicks) and not window.shift
                 self._clicks = (x, y) if takes else None
-            elif self.hand.grip(hot, x, y):
+            elif self.hand.grip(hot.name, hot.box, x, y):
                 return
             elif hot.lamp is not None:
                 self.lamps.grip(hot.lamp, x, y)
@@ -92,14 +92,20 @@ class Mouse:
                 self.lamps.drag(x, y, window.shift)
             elif hot.value is not None:
                 self._set(hot, x, y)
-        elif self.hand.on and (button == "Right" or (button == "Left" and window.shift)):
-            self.hand.turn(right, up)
         elif button == "Right" or (button == "Left" and window.shift):
-            window.session.change(angle_deg=window.session.state.angle_deg + LIGHT_DEG * right)
+            self._turn(right, up)
         elif button == "Middle":
             window.look(window.orbit.moved(right, up, width / height))
         else:
             window.look(window.orbit.dragged(right, up))
+
+    def _turn(self, right: float, up: float) -> None:
+        """Turn the light, or move the captured sun while it is set, by a drag in heights of the window."""
+        session = self._window.session
+        if self.hand.on:
+            self.hand.turn(right, up)
+        else:
+            session.change(angle_deg=session.state.angle_deg + LIGHT_DEG * right)
 
     def release(self) -> None:
         """Handle the release of a button."""

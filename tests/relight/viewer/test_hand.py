@@ -126,18 +126,22 @@ def test_two_clicks_find_the_sun(by_hand):
     by_hand.press_key("slash")
     assert tool.clicks and by_hand.note == "click the edge of a shadow"
     click(by_hand, 950, 700)  # the bar above takes no clicks, and the corner below it shows no surface
-    places = []
-    for x, y in ((420, 210), (420, 400)):  # the plate before the ball, then the ball
-        eye, direction = orbit.ray(x, y, SIZE)
+    places, pixels = [], []
+    for y in range(130, 600, 10):  # left of the split line
+        eye, direction = orbit.ray(430, y, SIZE)
         hits = bench.source.first_hits(np.concatenate([eye, direction])[None].astype(np.float32))
-        places.append(eye + float(hits.distance[0]) * direction)
-        click(by_hand, x, y)
-    way = places[1] - places[0]
+        if np.isfinite(hits.distance[0]):
+            places.append(eye + float(hits.distance[0]) * direction)
+            pixels.append(y)
+    low, high = (int(pick([place[1] for place in places])) for pick in (np.argmin, np.argmax))
+    click(by_hand, 430, pixels[low])
+    click(by_hand, 430, pixels[high])
+    way = places[high] - places[low]
     assert way[1] > 0.1 and not tool.clicks
     np.testing.assert_allclose(bench.hand.direction, way / np.linalg.norm(way), atol=1e-6)
     by_hand.press_key("slash")
-    click(by_hand, 420, 400)
-    click(by_hand, 420, 210)  # the other way round: the sun would shine from below
+    click(by_hand, 430, pixels[high])
+    click(by_hand, 430, pixels[low])  # the other way round: the sun would shine from below
     assert "below the horizon" in by_hand.note
     np.testing.assert_allclose(bench.hand.direction, way / np.linalg.norm(way), atol=1e-6)
 
