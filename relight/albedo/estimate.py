@@ -72,8 +72,8 @@ def with_known_light(
 ) -> Estimate:
     """Albedo of a scene captured under a known Environment, whose exposure is found: an Estimate.
 
-    Where a captured sky shows enough of that light, it determines the exposure, else the usual albedo does. Arguments
-    and errors as of `estimate`.
+    Where a captured sky shows enough of that light, it determines the exposure, else the usual albedo does. One that is
+    `exposed` is taken as is. Arguments and errors as of `estimate`.
     """
     scene = CapturedScene(occluder, captured, seed, advance, transport, evidence)
     problem = scene.problem()
@@ -82,6 +82,8 @@ def with_known_light(
         problem = f"the light {environment.name} does not reach it in all three colours"
     if problem:
         return scene.as_captured(problem)
+    if environment.exposed:
+        return scene.result(environment, 1.0, direct)
     measured = None if scene.sky is None else exposure_of(scene.sky, environment)
     if measured is not None:
         seen = Environment(environment.radiance * measured, environment.name, environment.rotation_deg)

@@ -202,13 +202,15 @@ def _key(
     relighter: "Relighter",
 ) -> tuple[str, int]:
     """The cache key of an estimate."""
-    sky = _sky_of(relighter.scene)
+    sky = sky_of(relighter.scene)
     parts = [] if sky is None else [sky.radiance, sky.bound, sky.clipped]
     parts += [standing(relighter.scene), np.array(WAY)]
     parts += [np.array(relighter.options.pointed_at)] if relighter.options.pointed_at else []
     parts += relighter.said.key
     if capture_env is not None and capture_env.rotation_deg:
         parts.append(np.array(capture_env.rotation_deg))
+    if capture_env is not None and capture_env.exposed:
+        parts.append(np.array("exposed"))
     known = array_key(captured, None if capture_env is None else capture_env.radiance, *parts)
     return known + relighter.leaves + "shown" * relighter.precomputed.partly, relighter.seed
 
@@ -230,7 +232,7 @@ def albedo_kept(capture_env: "Environment | None", relighter: "Relighter") -> ND
     return None if kept is None else kept["albedo"]
 
 
-def _sky_of(scene: Scene) -> CapturedSky | None:
+def sky_of(scene: Scene) -> CapturedSky | None:
     """The CapturedSky of a Scene where enough of the sky is visible, or None."""
     sky = None if scene.measured is None else scene.measured.sky
     return None if sky is None or visible_part(sky) < LEAST_VISIBLE else sky
@@ -277,7 +279,7 @@ def _estimated(
 
     known = relighter.transport(CAPTURE_OF_PLACE if relighter.scene.is_place else CAPTURE, alone=True)
     with relighter.stages.stage("albedo"):
-        scene, sky = relighter.scene, _sky_of(relighter.scene)
+        scene, sky = relighter.scene, sky_of(relighter.scene)
         looks = looks_from(scene, relighter.occluder)
         seen = None if looks is None else looks.sizes(len(captured))
         part, hopeless = closed_part(scene, relighter.occluder, visible_fraction(known.transfer)), ""

@@ -10,12 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..engine.appearance import CHOICES, LEAST_ALBEDO
+from ..engine.by_hand import LightByHand, can_be_set
 from ..engine.light_mix import LightBeside
 from ..engine.placed import Placed
 from ..lamps.asked import AskedLamp
 from ..lamps.color import WHITE
 from ..lamps.shapes import SphereLamp
 from ..transfer.occluder import Frame
+from ..viewer.hand_source import HandSource
 from ..viewer.request import SessionRequest
 from .job import Job
 
@@ -64,6 +66,7 @@ def session_of(job: Job) -> SessionRequest:
         splats=None if job.splats is None else _splats(job, chosen, mixture),
         lamp_source=source,
         object_source=_object_source(job) if job.asked_inserts else None,
+        hand_source=_hand_source(job) if can_be_set(look, job.relighter) else None,
     )
 
 
@@ -74,13 +77,31 @@ def _first_mixture(job: Job, source: "LampSource") -> LightBeside:
     return source.mixture(source.captured, None if lamp_light is None else lamp_light.placed)
 
 
+def _hand_source(job: Job) -> HandSource:
+    """The HandSource of a session."""
+    return HandSource(lambda: LightByHand(job.relighter, job.appearance), _first_hits_of(job))
+
+
+def _first_hits_of(job: Job) -> "Callable[[NDArray[np.float32]], Hits]":
+    """The first hits of rays (N, 6) in the frame of the scene."""
+    frames: list[Frame] = []
+
+    def first_hits(rays: NDArray[np.float32]) -> "Hits":
+        if not frames:
+            frames.append(Frame.around(job.scene.vertices, job.scene.faces))
+        (frame,) = frames
+        unit = np.concatenate([frame.unit(rays[:, :3]), rays[:, 3:] / np.float32(frame.diagonal)], axis=1)
+        return job.relighter.occluder.first_hits(unit)
+
+    return first_hits
+
+
 def _lamp_source(job: Job) -> "LampSource":
     """The LampSource of a session, with the mixture of `Job.shaded`."""
     from ..viewer.lamp_source import LampSource
 
     mix = job.mix
     found: list[float] = []
-    frames: list[Frame] = []
 
     def level() -> float:
         if not found:
@@ -96,13 +117,6 @@ def _lamp_source(job: Job) -> "LampSource":
         mixture(1.0, None)
         mix.light_of([AskedLamp(SphereLamp((0.0, 0.0, 0.0), intensity=WHITE))], 1.0).glimpse()  # which compiles it
 
-    def first_hits(rays: NDArray[np.float32]) -> "Hits":
-        if not frames:
-            frames.append(Frame.around(job.scene.vertices, job.scene.faces))
-        (frame,) = frames
-        unit = np.concatenate([frame.unit(rays[:, :3]), rays[:, 3:] / np.float32(frame.diagonal)], axis=1)
-        return job.relighter.occluder.first_hits(unit)
-
     return LampSource(
         asked=mix.asked_lamps,
         captured=mix.captured_factor,
@@ -111,7 +125,7 @@ def _lamp_source(job: Job) -> "LampSource":
         light_of=mix.light_of,
         mixture=mixture,
         scale=lambda: mix.scale,
-        first_hits=first_hits,
+        first_hits=_first_hits_of(job),
         scene_from_splat=np.asarray(job.scene.scene_from_splat, np.float64),
         command=f"relight {job.name} --env {job.light_name} --captured {{captured}} --lamp {{lamps}}",
     )

@@ -11,7 +11,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.inputs import inside, load_arrays, read_json, reading
@@ -55,7 +55,7 @@ class LikelyLight:
     name: for people. share: its posterior probability, in [0, 1]. sun: LikelySun, or None without one. environment:
     name of the file of the whole light, sun included, relative to the folder: `.npz` of `offer`, `.exr` or `.hdr`.
     brightness, tint (RGB), sun_strength, sky_to_sun: factors by which that file differs from the estimate; 1 as
-    estimated.
+    estimated. by_hand: whether a person set it, so that its brightness and colour are taken as they are.
     """
 
     name: str
@@ -66,6 +66,15 @@ class LikelyLight:
     tint: tuple[float, float, float] = (1.0, 1.0, 1.0)
     sun_strength: float = 1.0
     sky_to_sun: float = 1.0
+    by_hand: bool = False
+
+
+class LightFile(NamedTuple):
+    """A file of light, its name for people, and whether a person set it."""
+
+    path: Path
+    name: str
+    by_hand: bool = False
 
 
 @dataclass(frozen=True)
@@ -106,8 +115,9 @@ def write_lights(folder: str | os.PathLike[str], lights: CapturedLights) -> Path
         _entry(asdict(each), f"{path}: {each.name}")
         if not inside(folder, each.environment, path).is_file():
             raise InputError(f"{path}: {each.name}: no file {each.environment} beside it")
-    content = {"schema_version": SCHEMA_VERSION, **asdict(lights)}
-    text = json.dumps({name: content[name] for name in ("schema_version", "chosen", "candidates")}, indent=1)
+    chosen = None if lights.chosen is None else _written(lights.chosen)
+    content = {"schema_version": SCHEMA_VERSION, "chosen": chosen, "candidates": list(map(_written, lights.candidates))}
+    text = json.dumps(content, indent=1)
     try:
         with staged_file(path) as partial:
             partial.write_text(text + "\n", "utf-8")
@@ -132,29 +142,53 @@ def offer(folder: str | os.PathLike[str], lights: Sequence[tuple[LikelyLight, "E
     The entries get the names of the files written. Environments that nothing refers to any more are removed. Raises
     InputError for a folder that cannot be written.
     """
+    path = Path(folder) / NAME
+    chosen = read_lights(path).chosen if path.exists() else None
+    named = [_with_file(folder, *each) for each in lights]
+    found = CapturedLights(tuple(named), chosen)
+    write_lights(folder, found)
+    _remove_others(folder, found)
+    return found
+
+
+def choose_new(folder: str | os.PathLike[str], entry: LikelyLight, environment: "Environment") -> LikelyLight:
+    """Write a light with its environment into a scene folder, as the one that commands use from now on; returns its
+    entry, with the name of the file.
+
+    The candidates stay; one chosen before goes. Raises InputError for a damaged file, and for a folder that cannot be
+    written.
+    """
+    path = Path(folder) / NAME
+    known = read_lights(path) if path.exists() else CapturedLights()
+    found = replace(known, chosen=_with_file(folder, entry, environment))
+    write_lights(folder, found)
+    _remove_others(folder, found)
+    assert found.chosen is not None
+    return found.chosen
+
+
+def _with_file(folder: str | os.PathLike[str], entry: LikelyLight, environment: "Environment") -> LikelyLight:
+    """The entry with the name of the file of its environment, which is written unless it is there."""
     import numpy as np
 
-    path, named = Path(folder) / NAME, []
-    chosen = read_lights(path).chosen if path.exists() else None
-    for entry, environment in lights:
-        turn = np.float64(environment.rotation_deg)
-        digest = hashlib.sha256(environment.radiance.tobytes() + turn.tobytes()).hexdigest()[:16]
-        file = Path(folder) / _ENVIRONMENTS.format(digest)
-        named.append(replace(entry, environment=file.name))
-        if file.exists():
-            continue
+    turn = np.float64(environment.rotation_deg)
+    digest = hashlib.sha256(environment.radiance.tobytes() + turn.tobytes()).hexdigest()[:16]
+    file = Path(folder) / _ENVIRONMENTS.format(digest)
+    if not file.exists():
         try:
             with staged_file(file) as partial:
                 np.savez_compressed(partial, radiance=environment.radiance, rotation_deg=turn)
         except OSError as error:
             raise InputError(f"cannot write {file}: {error.strerror or error}") from None
-    found = CapturedLights(tuple(named), chosen)
-    write_lights(folder, found)
-    kept = {each.environment for each in named} | ({chosen.environment} if chosen else set())
+    return replace(entry, environment=file.name)
+
+
+def _remove_others(folder: str | os.PathLike[str], lights: CapturedLights) -> None:
+    """Remove environments that no entry names."""
+    kept = {each.environment for each in (*lights.candidates, *([lights.chosen] if lights.chosen else []))}
     for file in Path(folder).glob(_ENVIRONMENTS.format("*")):
         if file.name not in kept:
             file.unlink(missing_ok=True)
-    return found
 
 
 def known_light(choice: Any, folder: str | os.PathLike[str] | None) -> "Environment | None":
@@ -181,11 +215,15 @@ def known_light(choice: Any, folder: str | os.PathLike[str] | None) -> "Environm
     if hasattr(choice, "radiance"):
         return choice
     found = light_file(choice, folder)
-    return None if found is None else read_environment(*found)
+    if found is None:
+        return None
+    environment = read_environment(found.path, found.name)
+    environment.exposed = found.by_hand
+    return environment
 
 
-def light_file(choice: Any, folder: str | os.PathLike[str] | None) -> tuple[Path, str] | None:
-    """Return the file of the environment that `known_light` reads, and its name; None without one."""
+def light_file(choice: Any, folder: str | os.PathLike[str] | None) -> LightFile | None:
+    """Return the file of the environment that `known_light` reads; None without one."""
     if choice == ANEW:
         return None
     own = None if folder is None or not Path(folder).is_dir() else Path(folder) / NAME
@@ -196,7 +234,7 @@ def light_file(choice: Any, folder: str | os.PathLike[str] | None) -> tuple[Path
             chosen = read_lights(own).chosen
         except InputError as error:
             raise InputError(f"{error}; or ignore it with `captured_light` {ANEW}") from None
-        return None if chosen is None else (inside(own.parent, chosen.environment, own), chosen.name)
+        return None if chosen is None else _file_of(chosen, own)
     if isinstance(choice, int):
         if own is None or not own.exists():
             where = f"{folder or 'a scene in memory'} holds no {NAME}"
@@ -204,17 +242,22 @@ def light_file(choice: Any, folder: str | os.PathLike[str] | None) -> tuple[Path
         candidates = read_lights(own).candidates
         if choice > len(candidates):
             raise InputError(f"`captured_light` {choice}: {own} holds {len(candidates)} candidates")
-        return inside(own.parent, candidates[choice - 1].environment, own), candidates[choice - 1].name
+        return _file_of(candidates[choice - 1], own)
     path = Path(choice)
     if not os.path.lexists(path):
         raise InputError(f"`captured_light` {path}: no such file; expected {NAME}, an environment, a number, or {ANEW}")
     if path.suffix.lower() != ".json":
-        return path, path.stem
+        return LightFile(path, path.stem)
     lights = read_lights(path)
     entry = lights.chosen or next(iter(lights.candidates), None)
     if entry is None:
         raise InputError(f"`captured_light` {path}: it holds no light")
-    return inside(path.parent, entry.environment, path), entry.name
+    return _file_of(entry, path)
+
+
+def _file_of(entry: LikelyLight, path: Path) -> LightFile:
+    """The file of an entry of the JSON at a path."""
+    return LightFile(inside(path.parent, entry.environment, path), entry.name, entry.by_hand)
 
 
 def read_environment(path: str | os.PathLike[str], name: str) -> "Environment":
@@ -251,7 +294,16 @@ def _entry(content: Any, where: str) -> LikelyLight:
         azimuth = _number(sun.get("azimuth_deg"), f"{where}: sun: azimuth_deg", signed=True)
         height = _number(sun.get("height_deg"), f"{where}: sun: height_deg", 90.0)
         sun = LikelySun(azimuth, height, _color(sun.get("irradiance"), f"{where}: sun: irradiance"))
-    return LikelyLight(name, share, sun, content["environment"], tint=tint, **factors)
+    by_hand = content.get("by_hand", False)
+    if not isinstance(by_hand, bool):
+        raise InputError(f"{where}: by_hand: expected true or false, found {str(by_hand)[:40]}")
+    return LikelyLight(name, share, sun, content["environment"], tint=tint, by_hand=by_hand, **factors)
+
+
+def _written(entry: LikelyLight) -> dict[str, Any]:
+    """An entry as JSON: an estimated one has no `by_hand`."""
+    found = asdict(entry)
+    return found if entry.by_hand else {name: value for name, value in found.items() if name != "by_hand"}
 
 
 def _number(value: Any, where: str, most: float = math.inf, signed: bool = False) -> float:

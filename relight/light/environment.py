@@ -51,6 +51,7 @@ class Environment:
     name: for file names and reports.
     rotation_deg: active rotation about +y in [0, 360), counter-clockwise seen from +y (+z goes to +x).
     formula: name of the built-in sky that it is, which pictures show in any detail; None for others.
+    exposed: whether it is in the unit of a capture's colours, which need no exposure to be found.
     repaired: dict of defect -> number of pixels that had it. "NaN": now the mean of the valid values around
         it (0 without any); "infinite": the largest finite value of its channel; "negative": 0;
         "above 1e+12": that.
@@ -81,6 +82,7 @@ class Environment:
         self.radiance.setflags(write=False)
         self.rotation_deg = _reduced(rotation_deg)
         self.formula: str | None = None
+        self.exposed = False
         self._derived: dict[
             Hashable, Any
         ] = {}  # results computed from the unrotated image, by key, shared with all rotated copies

@@ -20,6 +20,7 @@ from .clean_files import CleanFiles
 from .engine_files import EngineFiles
 from .kinds import FILES, OUTPUTS, SHEET
 from .live_files import LiveFiles
+from .offered_lights import offered_pictures
 from .pass_files import PassFiles
 from .relit_splats import RelitSource
 from .subject import WrittenScene
@@ -83,6 +84,7 @@ class Results:
         self._picture: Any = None
         self._last_picture: NDArray[np.uint8] | None = None
         self._on_sheet: list[tuple[str, NDArray[np.uint8]]] = []
+        self._before_lights = 0
 
     def write(self, folder: Path, shaded: "Shaded") -> tuple[list[str], dict[str, Any]]:
         """Fill an existing folder: (names of the files, further entries of the report)."""
@@ -274,6 +276,7 @@ class Results:
             self._last_picture = None
             if not self._on_sheet:
                 self._on_sheet = [(name, _halved(each)) for name, each in self._before()]
+                self._before_lights = len(self._on_sheet)
             light = shaded.light
             self._on_sheet.append((f"{light.name} {light.rotation_deg:g}°", _halved(image)))
 
@@ -281,24 +284,31 @@ class Results:
         """Write the sheet of all lights kept, or of the last so many: its name."""
         from .sheet import sheet
 
-        first = [each for each in self._on_sheet if each[0] in BEFORE]
-        lights = self._on_sheet[len(first) :]
+        first, lights = self._on_sheet[: self._before_lights], self._on_sheet[self._before_lights :]
         mesh_files.write_png(folder / SHEET, sheet(first + lights[-(last or len(lights)) :]))
         return SHEET
 
     def _before(self) -> list[tuple[str, NDArray[np.uint8]]]:
-        """Names and pictures of what was captured and, where it was estimated, of its albedo, before plain grey."""
+        """Names and pictures of what was captured and, where it was estimated, of its albedo, before plain grey; then
+        of the lights that an estimate offered."""
         look = self._appearance
         self._picture = self._picture or self._new_picture(None)
         estimated = look.prior is not None and not look.as_captured and look.albedo is not None
         if self._splats is None:
             found = [(BEFORE[0], self._picture.of_vertices(look.captured, None, 1.0))]
-            return [*found, (BEFORE[1], self._picture.of_vertices(look.albedo, None, 1.0))] if estimated else found
-        found = [(BEFORE[0], self._picture.of_splats(self._splats, None, 1.0))]
-        if estimated:
-            white = np.ones_like(look.captured)
-            found.append((BEFORE[1], self._picture.of_splats(self._bound().relit(look.irradiance, white), None, 1.0)))
-        return found
+        else:
+            found = [(BEFORE[0], self._picture.of_splats(self._splats, None, 1.0))]
+        if not estimated:
+            return found
+        found.append((BEFORE[1], self._albedo_picture(look.albedo, look.irradiance)))
+        return [*found, *offered_pictures(self._relighter, look, self._albedo_picture)]
+
+    def _albedo_picture(self, albedo: Any, irradiance: NDArray[np.float32]) -> NDArray[np.uint8]:
+        """The picture of an albedo (V, 3), and of splats without a light (V, 3) that they were captured in."""
+        if self._splats is None:
+            return np.asarray(self._picture.of_vertices(albedo, None, 1.0))
+        white = np.ones_like(irradiance)
+        return np.asarray(self._picture.of_splats(self._bound().relit(irradiance, white), None, 1.0))
 
     def relit_splats(self, shaded: "Shaded") -> Splats:
         """The splats in the new light, row by row those of the source, in its frame."""

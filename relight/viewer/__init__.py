@@ -10,6 +10,8 @@ its place, `controls` the keys, `mouse` the mouse, `window`, `stage`, `panel` an
 films, `session_view` and `window_view` the types by which parts see the whole. Added lamps: `editing` the calls from
 Python, `history` undo, `lamp_board` their states, `lamp_bench` their light, `lamp_source` the engine behind it,
 `lamp_tool` the hand on them. Objects: `object_bench`, `object_light`, `object_source` and `object_tool` likewise.
+The captured light by hand: `hand_bench` its albedo, `hand_source` the engine behind it,
+`hand_tool` the mouse, `hand_panel` its maps.
 """
 
 import os

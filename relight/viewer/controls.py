@@ -9,6 +9,7 @@ from .object_tool import TURN_DEG
 from .window_view import WindowView
 
 if TYPE_CHECKING:
+    from .hand_tool import HandTool
     from .lamp_tool import LampTool
     from .object_tool import ObjectTool
     from .session import Session
@@ -31,6 +32,9 @@ class Hands(Protocol):
 
     @property
     def objects(self) -> "ObjectTool": ...
+
+    @property
+    def hand(self) -> "HandTool": ...
 
 
 class ControlledWindow(WindowView, Protocol):
@@ -55,7 +59,8 @@ class Control(NamedTuple):
     """One key. key: a VTK key symbol. text: for the help. act: called with the window.
 
     chip: of a Session, the text of a button that does the same, or None without one. row: where the button stands,
-    "modes" or "choices". lit: of a Session, 1 where the button is shown as switched on, 0.5 where that has no effect.
+    "modes", "choices", "hand" while the captured light is set by hand, or "both" of the last two. lit: of a Session, 1
+    where the button is shown as switched on, 0.5 where that has no effect.
     there: of a Session, whether there is anything to control; otherwise button and help are hidden.
     """
 
@@ -79,6 +84,11 @@ class Slider(NamedTuple):
     there: Callable[["Session"], bool] = lambda session: True
     read: Callable[["Session"], float] | None = None
     write: Callable[[ControlledWindow, float], None] | None = None
+
+    @property
+    def of_hand(self) -> bool:
+        """Whether it sets the captured light by hand."""
+        return self.field.startswith("hand_")
 
 
 def _change(**changes: Any) -> Action:
@@ -122,7 +132,11 @@ def _effect(key: str, name: str, text: str) -> Control:
 def _mode(key: str, name: str) -> Control:
     mode = MODES[name]
     text = f"{mode.title}: {mode.text}"
-    return Control(key, text, _change(mode=name), lambda s: mode.title, "modes", lambda s: s.state.mode == name)
+
+    def lit(session: "Session") -> float:
+        return session.state.mode == name and not session.state.by_hand
+
+    return Control(key, text, _change(mode=name, by_hand=False), lambda s: mode.title, "modes", lit)
 
 
 def _has_splats(session: "Session") -> bool:
@@ -149,6 +163,26 @@ def _has_objects(session: "Session") -> bool:
     return session.objects is not None
 
 
+def _can_set(session: "Session") -> bool:
+    return session.hand is not None
+
+
+def _by_hand(session: "Session") -> bool:
+    return session.hand is not None and session.state.by_hand
+
+
+def _hand_slider(name: str, text: str, show: Callable[[float], str]) -> Slider:
+    """A slider of a field of the HandLight."""
+
+    def read(session: "Session") -> float:
+        return 0.0 if session.hand is None else getattr(session.hand.hand, name)
+
+    def write(window: ControlledWindow, value: float) -> None:
+        window.session.set_hand(lambda bench: bench.change(**{name: value}))
+
+    return Slider(f"hand_{name}", text, show, there=_by_hand, read=read, write=write)
+
+
 def _has_lamps(session: "Session") -> bool:
     return session.has_lamps
 
@@ -161,7 +195,7 @@ CONTROLS = (
     Control("e", "next light", _next("environment", 1), lambda s: s.state.environment, "choices"),
     Control("w", "previous light", _next("environment", -1)),
     Control("a", "next albedo", _next("albedo", 1), lambda s: f"albedo {s.state.albedo}", "choices"),
-    Control("b", "before and after: capture left of the line", _toggle("split"), lambda s: "split", "choices",
+    Control("b", "before and after: capture left of the line", _toggle("split"), lambda s: "split", "both",
             lambda s: s.state.split),
     Control("k", "sky behind the scene on, off", _toggle("sky"), lambda s: "sky", "choices", lambda s: s.state.sky),
     Control("g", "mesh or splat", _toggle("mesh"), lambda s: "mesh", "choices",
@@ -190,6 +224,14 @@ CONTROLS = (
             there=_has_objects),
     Control("8", "turn the object counter-clockwise", lambda window: window.mouse.objects.turn(TURN_DEG),
             there=_has_objects),
+    Control("9", "captured light by hand: drag its sun, right drag too", lambda window: window.mouse.hand.toggle(),
+            lambda s: "captured light", "both", lambda s: s.state.by_hand, _can_set),
+    Control("apostrophe", "next of the likely captured lights", lambda window: window.mouse.hand.next_light(),
+            lambda s: "next light", "hand", there=_can_set),
+    Control("slash", "captured sun: click a shadow's edge, then what casts it", lambda window: window.mouse.hand.ask(),
+            lambda s: "point at a shadow", "hand", there=_can_set),
+    Control("0", "keep the captured light: commands use it", lambda window: window.mouse.hand.keep(),
+            lambda s: "keep", "hand", lambda s: s.hand is not None and s.hand.kept == s.hand.setting, _can_set),
     Control("space", "start, stop rotating the light", _toggle("turning"), lambda s: "turn", "choices",
             lambda s: s.state.turning),
     Control("Left", "turn the light clockwise", _step("angle_deg", -ANGLE_STEP_DEG)),
@@ -219,6 +261,12 @@ SLIDERS = (
            write=lambda window, value: window.session.dim_captured(value, merge="captured")),
     Slider("lamp_ev", "Lamp", lambda value: f"{value:+.1f} EV", there=_has_selected,
            read=lambda session: session.lamp_ev(), write=lambda window, value: window.session.set_lamp_ev(value)),
+    _hand_slider("azimuth_deg", "Sun at", lambda value: f"{value:.0f}\N{DEGREE SIGN}"),
+    _hand_slider("height_deg", "Height", lambda value: f"{value:.0f}\N{DEGREE SIGN}"),
+    _hand_slider("sun_share", "Sun's part", lambda value: f"{100 * value:.0f} %"),
+    _hand_slider("brightness_ev", "Brightness", lambda value: f"{value:+.2f} EV"),
+    _hand_slider("warmth", "Warmth", lambda value: f"{value:+.2f}"),
+    _hand_slider("green", "Green", lambda value: f"{value:+.2f}"),
 )  # fmt: skip
 
 MOUSE = (
@@ -239,6 +287,8 @@ _KEY_NAMES = {
     "period": ".",
     "bracketleft": "[",
     "bracketright": "]",
+    "apostrophe": "'",
+    "slash": "/",
 }
 
 

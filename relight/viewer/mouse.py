@@ -4,6 +4,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Protocol
 
 from .controls import SLIDERS, ControlledWindow
+from .hand_tool import HandTool
 from .lamp_tool import LampTool
 from .object_tool import ObjectTool
 
@@ -31,14 +32,15 @@ class MouseWindow(ControlledWindow, Protocol):
 
 
 class Mouse:
-    """The actions of the mouse in a Window. lamps: the LampTool. objects: the ObjectTool."""
+    """The actions of the mouse in a Window. lamps: the LampTool. objects: the ObjectTool. hand: the HandTool."""
 
     def __init__(self, window: MouseWindow) -> None:
         self._window = window
         self.lamps: LampTool = LampTool(window)
         self.objects: ObjectTool = ObjectTool(window)
+        self.hand: HandTool = HandTool(window)
         self._drag: tuple[str, HotArea | None, tuple[int, int]] | None = None
-        self._clicks: tuple[int, int] | None = None  # where a click would add a lamp
+        self._clicks: tuple[int, int] | None = None  # where a click would add a lamp, or point at a shadow
 
     def press(self, button: str) -> Callable[[], None]:
         """The action of a pressed button."""
@@ -52,7 +54,10 @@ class Mouse:
             if hot is None and button == "Left" and self.objects.grip(x, y):
                 return
             if hot is None:
-                self._clicks = (x, y) if button == "Left" and self.lamps.on and not window.shift else None
+                takes = button == "Left" and (self.lamps.on or self.hand.clicks) and not window.shift
+                self._clicks = (x, y) if takes else None
+            elif self.hand.grip(hot.name, hot.box, x, y):
+                return
             elif hot.lamp is not None:
                 self.lamps.grip(hot.lamp, x, y)
             elif hot.value is None:
@@ -72,6 +77,9 @@ class Mouse:
         if self.objects.holds:
             self.objects.drag(x, y, window.shift)
             return
+        if self.hand.holds:
+            self.hand.aim(x, y)
+            return
         if self._clicks is not None:
             if max(abs(x - self._clicks[0]), abs(y - self._clicks[1])) <= STILL:
                 return
@@ -85,16 +93,25 @@ class Mouse:
             elif hot.value is not None:
                 self._set(hot, x, y)
         elif button == "Right" or (button == "Left" and window.shift):
-            window.session.change(angle_deg=window.session.state.angle_deg + LIGHT_DEG * right)
+            self._turn(right, up)
         elif button == "Middle":
             window.look(window.orbit.moved(right, up, width / height))
         else:
             window.look(window.orbit.dragged(right, up))
 
+    def _turn(self, right: float, up: float) -> None:
+        """Turn the light, or move the captured sun while it is set, by a drag in heights of the window."""
+        session = self._window.session
+        if self.hand.on:
+            self.hand.turn(right, up)
+        else:
+            session.change(angle_deg=session.state.angle_deg + LIGHT_DEG * right)
+
     def release(self) -> None:
         """Handle the release of a button."""
         if self._clicks is not None:
-            self.lamps.put(*self._clicks)
+            (self.hand.click if self.hand.clicks else self.lamps.put)(*self._clicks)
+        self.hand.let_go()
         self.lamps.let_go()
         self.objects.let_go()
         self._drag = self._clicks = None

@@ -8,6 +8,7 @@ import numpy as np
 from ..planning.effects import BOUNCES, SUN
 from .canvas import SMALL, Canvas
 from .controls import CONTROLS, MOUSE, SLIDERS, Control, Slider, key_name
+from .hand_panel import draw_hand
 from .lighting import CONVERGED, SAMPLE, STAGES, FinishedShading
 from .modes import MODES, map_colors
 from .splats import WAITING
@@ -114,6 +115,8 @@ class Panel:
             self._bottom(session, units, frames_per_second, note)
             if session.state.help:
                 self._help(session, units)
+            elif session.state.by_hand and session.hand is not None:
+                draw_hand(self._canvas, session.hand, units[1] - TOP, self._hot)
             elif scale_end := MODES[session.state.mode].scale:
                 self._scalar_bar(session, units, scale_end(session))
         return self._canvas.show()
@@ -138,16 +141,19 @@ class Panel:
     def _bottom(self, session: "Session", units: Units, frames_per_second: float | None, note: str) -> None:
         width, _ = units
         self._canvas.rectangle(0, 0, width, BOTTOM, _BAR)
-        sliders = [slider for slider in SLIDERS if slider.there(session)]
+        hand = session.state.by_hand
+        sliders = [slider for slider in SLIDERS if slider.there(session) and slider.of_hand == hand]
         each = (width - 2 * _MARGIN - 2 * (len(sliders) - 1) * _GAP) / len(sliders)
         for index, slider in enumerate(sliders):
             self._slider(session, slider, _MARGIN + index * (each + 2 * _GAP), 54, each)
         left: float = _MARGIN
         for control in CONTROLS:
-            if control.row == "choices" and control.there(session):
+            if control.row in ("hand" if hand else "choices", "both") and control.there(session):
                 left += self._chip(session, control, left, 12) + _GAP
         figures, follows = status(session, frames_per_second)
         notice = session.message or session.failure or session.notice
+        if hand and session.hand is not None:
+            figures, follows, notice = session.hand.figures, session.hand.follows, session.hand.message
         warning = note or notice or (session.splats.failure if session.splats else "")
         if warning:
             follows, color = warning, _WARNING
@@ -210,7 +216,8 @@ class Panel:
         self._canvas.rectangle(x - 4, middle - 18, 8, 36, _HANDLE)
         scale = self._canvas.scale
         if panel:
-            for text, left in (("captured", x - 14 - self._canvas.width("captured", SMALL)), ("relit", x + 14)):
+            after = "albedo" if session.state.by_hand else "relit"
+            for text, left in (("captured", x - 14 - self._canvas.width("captured", SMALL)), (after, x + 14)):
                 if left > 8 and left + self._canvas.width(text, SMALL) < width - 8:
                     self._canvas.rectangle(left - 7, high - 34, self._canvas.width(text, SMALL) + 14, 20, _BAR)
                     self._canvas.text(left, high - 29, text, _TEXT, SMALL)

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from ..engine.light_mix import LightBeside
     from ..light.environment import Environment
     from ..transfer.store import Cache
+    from .hand_source import HandSource
     from .lamp_source import LampSource
     from .object_source import ObjectSource
     from .splats import SplatSource
@@ -53,6 +54,8 @@ class SessionRequest:
         Lights added lamps; without it none can be added.
     object_source : ObjectSource, optional
         Lights inserted objects.
+    hand_source : HandSource, optional
+        Sets the captured light by hand.
     splats : SplatSource, optional
         The splats of the scene, relit and shown instead of the mesh.
     """
@@ -70,6 +73,7 @@ class SessionRequest:
     mixture: "LightBeside | None" = None
     lamp_source: "LampSource | None" = None
     object_source: "ObjectSource | None" = None
+    hand_source: "HandSource | None" = None
     splats: "SplatSource | None" = None
 
     @classmethod

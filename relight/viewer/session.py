@@ -25,6 +25,7 @@ from ..light.tonemap import auto_exposure
 from ..planning.effects import BOUNCES, SHADOWS
 from .answers import Answers, LightWorker
 from .editing import LampEditing
+from .hand_bench import HandBench
 from .lighting import LightWish, check_albedos
 from .modes import MODES
 from .object_bench import ObjectBench
@@ -73,6 +74,7 @@ class Session(LampEditing, Answers):
         self.lamps, self._lamps_known = dict(asked.lamps or {}), bool(asked.lamps) and asked.lamps_known
         LampEditing.__init__(self, asked.lamp_source, asked.mixture)
         self.objects = None if asked.object_source is None else ObjectBench(asked.object_source, self.timeline)
+        self.hand = None if asked.hand_source is None else HandBench(asked.hand_source)
         self.splats = None if asked.splats is None else RelitSplats(asked.splats)
         self.choices = {"environment": list(self.environments), "albedo": list(self.albedos), "mode": list(MODES)}
         self.available = options.chosen_effects
@@ -86,7 +88,7 @@ class Session(LampEditing, Answers):
         self._given_exposure = asked.exposure
         self._exposures: dict[tuple[str | None, str], float] = {}
         self._memory: dict[str, tuple[Any, tuple, Any]] = {}  # derived values by name
-        self._moved = self._lamps_moved = self._objects_moved = -math.inf
+        self._moved = self._lamps_moved = self._objects_moved = self._hand_moved = -math.inf
         self.light_seconds: float | None = None
         options = replace(options, tolerance=None, budget_s=None)  # every wish brings its own tolerance
         Answers.__init__(self, worker(scene, self.environments, self.albedos, options, asked.cache))
@@ -118,6 +120,14 @@ class Session(LampEditing, Answers):
             if self.objects is not None:
                 self.objects.reset()
                 self._edited()
+        if self.hand is not None:
+            self.set_hand(HandBench.reset)
+
+    def set_hand(self, change: Callable[[HandBench], None]) -> None:
+        """Change the captured light that a hand sets; nothing in a session without. Raises what the change raises."""
+        if self.hand is not None:
+            change(self.hand)
+            self.revision, self._hand_moved = self.revision + 1, self.clock()
 
     def poll(self) -> None:
         """Collect the worker's results, without waiting. Call it often."""
@@ -131,6 +141,8 @@ class Session(LampEditing, Answers):
         if self.objects is not None:
             under = partial(light_now, self, self.objects) if self.answered and self._in_first_albedo else None
             self.revision += self.objects.poll(under, light_key(self), self._rests)
+        if self.hand is not None and self.state.by_hand:
+            self.revision += self.hand.poll(self.clock() - self._hand_moved > REST_SECONDS)
         if not self.state.turning and self.clock() - self._moved > REST_SECONDS:
             self._ask()
 
@@ -162,6 +174,8 @@ class Session(LampEditing, Answers):
             self.splats.close()
         if self.objects is not None:
             self.objects.close()
+        if self.hand is not None:
+            self.hand.close()
 
     def move_object(
         self, number: int, at: Triple, turn_deg: float | None = None, lifted: bool = False, merge: Hashable = None
@@ -284,6 +298,8 @@ class Session(LampEditing, Answers):
     def colors(self) -> NDArray:
         """The colours of the surface in the present mode: (V, 3) uint8 sRGB."""
         mode = MODES[self.state.mode]
+        if self.hand is not None and self.state.by_hand:
+            return self.hand.colors(lambda: self.scene.colors_srgb)
         if mode.lights:
             return mode.colors(self)
         return self.remembered("colors", (self.state.mode, self.state.albedo), lambda: mode.colors(self))
@@ -320,7 +336,8 @@ class Session(LampEditing, Answers):
     def shows_splats(self) -> bool:
         """Whether the picture shows splats. Without splats, and in all modes but the relit one, it shows the mesh."""
         splats, state = self.splats, self.state
-        return splats is not None and state.mode == "relit" and not state.mesh and state.albedo in splats.source.looks
+        relit = state.mode == "relit" and not state.by_hand
+        return splats is not None and relit and not state.mesh and state.albedo in splats.source.looks
 
     def remembered(self, name: str, key: Any, compute: Callable[[], Any], *made_of: Any) -> Any:
         """The result of `compute()`, kept under this name until the key or the objects differ.

@@ -10,6 +10,7 @@ if TYPE_CHECKING:
 
     from ..engine.light_mix import LightBeside
     from ..insert.inserts import InsertedLight
+    from .hand_bench import HandBench
     from .lamp_bench import LampBench
     from .lamp_board import LampBoard
     from .lighting import ConvergedLight, SessionLight
@@ -52,6 +53,9 @@ class SessionView(Protocol):
 
     @property
     def board(self) -> "LampBoard | None": ...
+
+    @property
+    def hand(self) -> "HandBench | None": ...
 
     @property
     def objects(self) -> "ObjectBench | None": ...

@@ -10,6 +10,7 @@ import numpy as np
 
 from splat2mesh.base.errors import InputError
 
+from ..albedo.by_hand import RANGES as HAND_RANGES
 from ..light import skies
 from ..light.environment import Environment
 from ..planning.effects import EFFECTS
@@ -22,6 +23,7 @@ RANGES = {
     "lamps": (0.0, 10.0),
     "captured": (0.0, 1.0),
     "lamp_ev": (-4.0, 10.0),
+    **{f"hand_{name}": limits for name, limits in HAND_RANGES.items()},
 }
 """Ranges of the sliders. Angles wrap around, other values are clipped."""
 
@@ -34,7 +36,7 @@ class State:
     exposure. effects: those switched on. split: the captured colours show left of a line at `split_at`, 0..1 over the
     width. sky: the light shows behind the scene. turning: the light turns by itself. mesh: the mesh shows where there
     is a splat. lamps: factor on the light of captured lamps. placing: clicks put lamps in. arranging:
-    drags move objects.
+    drags move objects. by_hand: the captured light is being set, and the surface shows its albedo.
     """
 
     environment: str
@@ -54,6 +56,7 @@ class State:
     lamps: float = 1.0
     placing: bool = False
     arranging: bool = False
+    by_hand: bool = False
 
 
 def check_field(name: str, value: Any, choices: Mapping[str, Sequence[str]]) -> Any:

@@ -80,7 +80,7 @@ def test_other_files_of_light_may_be_named(folder):
     OpenEXR.File(header, {"RGB": light(4).radiance}).write(str(folder / "mine.exr"))
     choose(folder, replace(CLOUDY, environment="mine.exr"))
     np.testing.assert_array_equal(known_light(None, folder).radiance, light(4).radiance)
-    assert light_file(folder / "mine.exr", None) == (folder / "mine.exr", "mine")
+    assert light_file(folder / "mine.exr", None) == (folder / "mine.exr", "mine", False)
 
 
 def test_a_scene_without_lights_has_none(tmp_path):

@@ -1,0 +1,71 @@
+"""The likeliest captured lights as pictures: the albedo that each leaves, and its map in a corner."""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from splat2mesh.base.sphere import texel_directions
+from splat2mesh.scene.color import bytes_from_unit, luminance, srgb_from_linear
+
+from ..albedo.by_hand import SkyAndSun
+from ..engine.appearance import Appearance
+from ..engine.by_hand import LightByHand, can_be_set
+from ..engine.relighter import Relighter
+from ..light.environment import Environment
+from ..light.tonemap import compress_highlights
+
+MAP_PART = 0.26
+"""Width of a light's map, of the picture's."""
+
+MARGIN = 6
+"""Pixels around it."""
+
+FRAME = 225, 225, 230
+"""sRGB bytes of its rim."""
+
+MIDDLE = 0.5
+"""Display value of the mean luminance of a map's upper half."""
+
+Painter = Callable[[NDArray[np.float32], NDArray[np.float32]], NDArray[np.uint8]]
+"""(albedo, irradiance of the capture), (V, 3) each -> picture, (H, W, 3) uint8."""
+
+
+def offered_pictures(relighter: Relighter, look: Appearance, paint: Painter) -> list[tuple[str, NDArray[np.uint8]]]:
+    """Names and pictures of the lights that an estimate offered in the folder of a scene; none of fewer than two."""
+    said = relighter.said.light is not None or str((look.capture or {}).get("light")).startswith("estimated")
+    if not said or not can_be_set(look, relighter):
+        return []
+    by_hand = LightByHand(relighter, look)
+    likely = [each for each in by_hand.offered if not each.entry.by_hand]
+    if len(likely) < 2:
+        return []
+    found = []
+    for number, offered in enumerate(likely, 1):
+        picture = paint(*by_hand.under(offered.whole)).copy()
+        _put_map(picture, light_map(offered.whole, round(MAP_PART * picture.shape[1])))
+        found.append((label(number, offered), picture))
+    return found
+
+
+def label(number: int, offered: SkyAndSun) -> str:
+    """The name of an offered light, with its number, from 1, and its share."""
+    share = 100.0 * offered.entry.share
+    return f"light {number}: {offered.entry.name}, " + (f"{share:.0f}%" if share >= 0.5 else "below 1%")
+
+
+def light_map(environment: Environment, width: int) -> NDArray[np.uint8]:
+    """The lat-long map of a light, (width / 2, width, 3) uint8, exposed for its upper half."""
+    height = width // 2
+    image = environment.lookup(texel_directions(height, 2 * height).reshape(-1, 3))
+    upper = np.asarray(luminance(image[: len(image) // 2]), np.float64)
+    exposed = image * np.float32(MIDDLE / max(float(np.median(upper)), 1e-9))
+    return bytes_from_unit(srgb_from_linear(compress_highlights(exposed))).reshape(height, 2 * height, 3)
+
+
+def _put_map(picture: NDArray[np.uint8], shown: NDArray[np.uint8]) -> None:
+    """Put a map into the upper right corner of a picture, in place."""
+    height, width = shown.shape[:2]
+    right = picture.shape[1] - MARGIN
+    picture[MARGIN - 1 : MARGIN + height + 1, right - width - 1 : right + 1] = FRAME
+    picture[MARGIN : MARGIN + height, right - width : right] = shown

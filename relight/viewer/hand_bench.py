@@ -1,0 +1,204 @@
+"""The captured light of a session while a hand sets it: the albedo at once, with a traced sun when the input rests."""
+
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from splat2mesh.base.arrays import Vector
+from splat2mesh.base.errors import InputError
+from splat2mesh.base.sphere import texel_directions
+from splat2mesh.scene.color import bytes_from_unit, luminance, srgb_from_linear
+
+from ..albedo.by_hand import HandLight, SkyAndSun, sun_through
+from ..light.environment import Environment
+from ..light.tonemap import compress_highlights
+from .hand_source import HandLights, HandSource
+
+MAP = 16, 32
+"""Rows and columns of the map of a light on the panel."""
+
+MIDDLE = 0.5
+"""Display value of the median of a map's upper half."""
+
+PREPARING = "tracing the captured light"
+
+Setting: TypeAlias = tuple[int, HandLight]
+"""Number of an offered light, from 0, and what is set of it."""
+
+
+class HandBench:
+    """The light of a HandSource as a hand sets it. `poll` it often.
+
+    message: the text to show, or "". kept: the Setting that was written last, or None.
+    """
+
+    def __init__(self, source: HandSource) -> None:
+        self.source, self.message = source, ""
+        self.kept: Setting | None = None
+        self._thread = ThreadPoolExecutor(1, thread_name_prefix="captured light")
+        self._lights: HandLights | None = None
+        self._now: Setting | None = None
+        self._running: tuple[Setting | None, Future[Any]] | None = None
+        self._quick: tuple[Setting, NDArray[np.uint8]] | None = None
+        self._exact: tuple[Setting, NDArray[np.uint8]] | None = None
+        self._maps: dict[Any, NDArray[np.uint8]] = {}
+
+    @property
+    def ready(self) -> bool:
+        """Whether a light can be set."""
+        return self._lights is not None
+
+    @property
+    def settled(self) -> bool:
+        """Whether the sun of the present light was traced."""
+        return self._exact is not None and self._exact[0] == self._now
+
+    @property
+    def offered(self) -> list[SkyAndSun]:
+        """The offered lights; none before it is ready."""
+        return [] if self._lights is None else list(self._lights.offered)
+
+    @property
+    def setting(self) -> Setting | None:
+        """The number of the offered light in use and what is set of it; None before it is ready."""
+        return self._now
+
+    @property
+    def number(self) -> int:
+        """Number, from 0, of the offered light in use."""
+        return 0 if self._now is None else self._now[0]
+
+    @property
+    def hand(self) -> HandLight:
+        """What is set."""
+        return HandLight() if self._now is None else self._now[1]
+
+    def prepare(self) -> None:
+        """Start the long work, in the thread."""
+        if not self.ready and self._running is None:
+            self._running = None, self._thread.submit(self._prepared)
+
+    def finish(self) -> None:
+        """Wait until the present light is there in full. Raises InputError where it cannot be set."""
+        self.prepare()
+        while self._running is not None or not self.settled:
+            if self._running is not None:
+                self._running[1].exception()
+            self.poll(True)
+            if not self.ready and self._running is None:
+                raise InputError(self.message)
+
+    def poll(self, rests: bool) -> bool:
+        """Collect the results of the thread, and give it work if the input rests; return whether something changed."""
+        changed = False
+        if self._running is not None and self._running[1].done():
+            (setting, done), self._running, changed = self._running, None, True
+            error = done.exception()
+            if error is not None:
+                self.message = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
+            elif setting is None:
+                self._lights = done.result()
+                self.choose(self._lights.first)
+            else:
+                self._exact = setting, done.result()
+        if rests and self._running is None and self._now is not None and not self.settled and not self.message:
+            self._running = self._now, self._thread.submit(self._bytes, self._now, True)
+        return changed
+
+    def change(self, **changes: float) -> None:
+        """Set fields of the HandLight. Raises InputError for names and numbers that are none."""
+        if self._now is not None:
+            self._now, self.message = (self._now[0], self._now[1].changed(**changes)), ""
+
+    def choose(self, number: int) -> None:
+        """Begin anew with an offered light, counted from 0; the numbers wrap around."""
+        if self._lights is not None:
+            number %= len(self._lights.offered)
+            self._now, self.message = (number, self._lights.offered[number].hand), ""
+
+    def reset(self) -> None:
+        """Begin anew with the offered light in use."""
+        self.choose(self.number)
+
+    def point(self, edge: Vector, caster: Vector) -> None:
+        """Set the sun by a shadow's edge (3,) and what casts it (3,), scene frame. Raises InputError as `sun_through`.
+
+        A light without a sun gets one that lights as much as its sky.
+        """
+        share = {} if self.hand.sun_share > 0.0 else {"sun_share": 0.5}
+        self.change(**sun_through(edge, caster), **share)
+
+    def keep(self) -> Path | None:
+        """Write the light into the folder of the scene; its path, None before there is one. Raises InputError."""
+        if self._lights is None or self._now is None:
+            return None
+        path = self._lights.keep(*self._now)
+        self.kept = self._now
+        return path
+
+    def colors(self, before: Callable[[], NDArray[np.uint8]]) -> NDArray[np.uint8]:
+        """The albedo as sRGB bytes, (V, 3) uint8; `before` it is ready what that returns."""
+        if self._now is None:
+            return before()
+        if self._exact is not None and self._exact[0] == self._now:
+            return self._exact[1]
+        if self._quick is None or self._quick[0] != self._now:
+            self._quick = self._now, self._bytes(self._now, False)
+        return self._quick[1]
+
+    def map_of(self, number: int | None) -> NDArray[np.uint8]:
+        """The map of an offered light, or of the present one for None: (rows, columns, 3) uint8 sRGB of MAP."""
+        key = self._now if number is None else number
+        if key not in self._maps:
+            if len(self._maps) > 2 * len(self.offered) + 8:
+                self._maps.clear()
+            offered = self.offered[self.number if number is None else number]
+            self._maps[key] = drawn_map(offered.environment(self.hand) if number is None else offered.whole)
+        return self._maps[key]
+
+    @property
+    def figures(self) -> str:
+        """What is set, in words."""
+        if self._now is None or self._lights is None:
+            return ""
+        offered, hand = self.offered[self.number], self.hand
+        sun = f"sun {hand.height_deg:.0f}\N{DEGREE SIGN} high at {hand.azimuth_deg:.0f}\N{DEGREE SIGN}"
+        light = f"light {self.number + 1} of {len(self.offered)}: {offered.entry.name}"
+        return f"{light}   set: {sun if hand.sun_share > 0.0 else 'no sun'}, {100 * hand.sun_share:.0f} % of the light"
+
+    @property
+    def follows(self) -> str:
+        """What is under way, in words."""
+        if not self.ready:
+            return PREPARING
+        if not self.settled:
+            return "sharp shadows when the light rests"
+        return "kept: commands use it" if self.kept == self._now else "press 0 to keep it"
+
+    def close(self) -> None:
+        """End the thread."""
+        self._thread.shutdown(wait=False, cancel_futures=True)
+
+    def _prepared(self) -> HandLights:
+        lights = self.source.lights()
+        first = lights.first
+        lights.albedo(first, lights.offered[first].hand)  # which traces and compiles what a drag needs
+        return lights
+
+    def _bytes(self, setting: Setting, exact: bool) -> NDArray[np.uint8]:
+        assert self._lights is not None
+        return bytes_from_unit(srgb_from_linear(self._lights.albedo(*setting, exact)))
+
+
+def drawn_map(environment: Environment) -> NDArray[np.uint8]:
+    """The lat-long map of a light, (rows, columns, 3) uint8 sRGB of MAP, exposed for its upper half."""
+    rows, columns = MAP
+    fine = environment.lookup(texel_directions(4 * rows, 4 * columns).reshape(-1, 3)).astype(np.float64)
+    image = fine.reshape(rows, 4, columns, 4, 3).mean(axis=(1, 3))
+    level = max(float(np.median(luminance(image[: rows // 2]))), 1e-9)
+    shown = compress_highlights((image * MIDDLE / level).reshape(-1, 3).astype(np.float32))
+    return bytes_from_unit(srgb_from_linear(shown)).reshape(rows, columns, 3)
