@@ -11,9 +11,9 @@ import numpy as np
 
 from .base.errors import DataWarning, InputError
 from .base.inputs import check_special, file_size, reading
+from .capture import is_place, standing_of
 from .layout import is_layout, read_layout
 from .options import ConvertOptions
-from .pipeline import is_place, standing_of
 from .render.view import View
 from .scene.folder import META
 from .splats.cleaning import usable
