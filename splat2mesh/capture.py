@@ -25,29 +25,11 @@ from .views.viewpoints import bounds_of
 class Capture:
     """A trained splat and its capture, in the splat's own frame.
 
-    Attributes
-    ----------
-    loaded : Splats
-        Every row of the file.
-    splats : Splats
-        The N usable ones, in spatial order.
-    rows : ndarray of int, (N,)
-        Of `loaded`.
-    dropped : dict
-        Rows left out, by reason.
-    trained : list of View
-        The cameras of the training, none where they are not known.
-    rotation : ndarray, (4, 4)
-        scene_from_splat.
-    up_from : str
-        What showed the up axis.
-    foreground : Splats
-        Without the far background.
-    center, radius : (3,) float, float
-        The ball beyond which that lies.
-    far, panes : ndarray of bool, (N,)
-        The far background, and the sky in a room's windows, which belongs to it.
-    standing : Standpoints
+    loaded: every row of the file. splats: the N usable ones, in spatial order. rows: (N,) int, of `loaded`. dropped:
+    rows left out, by reason. trained: the cameras of the training, none where they are not known. rotation: (4, 4),
+    scene_from_splat. up_from: what showed the up axis. foreground: without the far background. center, radius: (3,)
+    float, float, the ball beyond which that lies. far, panes: (N,) bool, the far background, and the sky in a room's
+    windows, which belongs to it.
     """
 
     loaded: Splats

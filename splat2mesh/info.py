@@ -47,21 +47,8 @@ _HEADER_BYTES = 1 << 20
 def info_of(path: str | os.PathLike[str], options: ConvertOptions | None = None) -> dict[str, Any]:
     """Describe a file or folder of any kind that the commands read.
 
-    Parameters
-    ----------
-    path : path
-    options : ConvertOptions, optional
-        `lod`, `cameras` and `up` count.
-
-    Returns
-    -------
-    dict
-        JSON-clean. `what` is splats, cameras, light, layout, mesh or scene; `warnings` are those of reading.
-
-    Raises
-    ------
-    InputError
-        For what is missing, broken, or of no known kind.
+    options: `lod`, `cameras` and `up` count. It is JSON-clean. `what` is splats, cameras, light, layout, mesh or
+    scene; `warnings` are those of reading. Raises InputError for what is missing, broken, or of no known kind.
     """
     path, asked = Path(path), options or ConvertOptions()
     if not os.path.lexists(path):

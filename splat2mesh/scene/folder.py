@@ -64,21 +64,8 @@ TEXTURED = "mesh.glb"
 def read_folder(path: Path) -> tuple[list[Mesh], list[Mesh], dict[str, Any]]:
     """Read a scene folder.
 
-    Parameters
-    ----------
-    path : Path
-
-    Returns
-    -------
-    chunks : list of Mesh
-    background : list of Mesh
-    fields : dict
-        The other fields of the Scene.
-
-    Raises
-    ------
-    InputError
-        Where anything is broken, or differs from its checksum, and for a newer schema version.
+    Returns chunks; background; fields: the other fields of the Scene. Raises InputError where anything is broken, or
+    differs from its checksum, and for a newer schema version.
     """
     entries, fields, sums = _read_meta(path / META)
     kinds: dict[str, list[Mesh]] = {"chunks": [], "background": [], "cards": [], HULL: []}
@@ -109,17 +96,8 @@ def read_folder(path: Path) -> tuple[list[Mesh], list[Mesh], dict[str, Any]]:
 def write_folder(scene: Any, path: str | os.PathLike[str], overwrite: bool = False) -> None:
     """Write a scene folder; it appears complete or not at all.
 
-    Parameters
-    ----------
-    scene : Scene
-    path : path
-    overwrite : bool
-        Whether a scene folder that is there may be replaced.
-
-    Raises
-    ------
-    InputError
-        When `path` exists, unless it is a scene folder and may be overwritten.
+    overwrite: whether a scene folder that is there may be replaced. Raises InputError when `path` exists, unless it is
+    a scene folder and may be overwritten.
     """
     check_output(path, overwrite, META)
     with staged_folder(path, overwrite, META) as folder:
@@ -211,16 +189,7 @@ def _relative(file: str, folder: str | os.PathLike[str]) -> str:
 def absolute(file: str | os.PathLike[str], folder: str | os.PathLike[str] = ".") -> str:
     """Return a path from a folder as text, absolute.
 
-    Parameters
-    ----------
-    file : path
-    folder : path
-        Where a relative path starts.
-
-    Returns
-    -------
-    str
-        Links among its folders are followed, that of the file itself is not.
+    folder: where a relative path starts. Links among its folders are followed, that of the file itself is not.
     """
     whole = Path(os.path.realpath(folder), file)
     return os.path.normpath(Path(os.path.realpath(whole.parent), whole.name))
@@ -241,19 +210,7 @@ def _check_camera(camera: Any, bounds: Any) -> None:
 def sha256_of(path: Path) -> str:
     """Return the SHA-256 of a regular file.
 
-    Parameters
-    ----------
-    path : Path
-
-    Returns
-    -------
-    str
-        Hexadecimal.
-
-    Raises
-    ------
-    InputError
-        For what is no regular file.
+    Hexadecimal. Raises InputError for what is no regular file.
     """
     file_size(path, "file of a scene")
     with open(path, "rb") as file:

@@ -25,26 +25,11 @@ CONVERTER = "npx @playcanvas/splat-transform"
 class Format:
     """One format of splats.
 
-    Attributes
-    ----------
-    kind : str
-        Its name here; of one that is written also the suffix.
-    title : str
-        For messages and documents.
-    suffixes : tuple of str
-        By which it is recognised where its content has no mark.
-    read : callable or None
-        Takes a path.
-    write : callable or None
-        Takes a path and Splats.
-    instead : str
-        Where it is not read or not written: why not, and what to do.
-    exactness : int
-        Rank among files of the same splats, of which the lowest is read.
-    tag : str
-        Where the file says that its splats were trained for an anti-aliasing rasteriser.
-    frame : str
-        Its axes.
+    kind: its name here; of one that is written also the suffix. title: for messages and documents. suffixes: by which
+    it is recognised where its content has no mark. read: takes a path. write: takes a path and Splats. instead: where
+    it is not read or not written: why not, and what to do. exactness: rank among files of the same splats, of which the
+    lowest is read. tag: where the file says that its splats were trained for an anti-aliasing rasteriser. frame: its
+    axes.
     """
 
     kind: str
@@ -188,19 +173,8 @@ KINDS = (
 def kind_of_file(path: Path) -> str:
     """Recognise one splat file, or the folder of an unbundled SOG, by its content.
 
-    Parameters
-    ----------
-    path : Path
-
-    Returns
-    -------
-    str
-        The kind of a Format that is read.
-
-    Raises
-    ------
-    InputError
-        For what is none, with the reason, or what to do, where its format is known.
+    Returns the kind of a Format that is read. Raises InputError for what is none, with the reason, or what to do, where
+    its format is known.
     """
     if not path.exists():
         raise InputError(f"{path} does not exist: expected {KINDS}")
@@ -235,16 +209,7 @@ def kind_of_file(path: Path) -> str:
 
 
 def looks_like_splat(path: Path) -> bool:
-    """Return whether a file is meant as a splat, rather than as a mesh, by its content; does not validate it.
-
-    Parameters
-    ----------
-    path : Path
-
-    Returns
-    -------
-    bool
-    """
+    """Return whether a file is meant as a splat, rather than as a mesh, by its content; does not validate it."""
     suffix = path.suffix.lower()
     with open(path, "rb") as file:
         head = file.read(_HEADER_BYTES)
@@ -259,15 +224,7 @@ def looks_like_splat(path: Path) -> bool:
 def reader_of(kind: str) -> Callable[[Path], Splats]:
     """Return what reads a kind.
 
-    Parameters
-    ----------
-    kind : str
-        As `kind_of_file` returns it.
-
-    Returns
-    -------
-    callable
-        Takes a path.
+    kind: as `kind_of_file` returns it. It takes a path.
     """
     found = BY_KIND[kind].read
     assert found is not None  # `kind_of_file` refuses others
