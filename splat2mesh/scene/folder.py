@@ -253,10 +253,11 @@ def _changed(path: Path) -> InputError:
     return InputError(f"{path}: damaged or changed since it was written (its SHA-256 differs): {advice}")
 
 
-def _read_meta(path: Path) -> tuple[list[Any], dict[str, Any], dict[Path, str]]:
-    """Of scene.json: [file, kind, vertices, faces] of each chunk, the Scene's other fields, and the SHA-256 of files.
+_REQUIRED = ("chunks", "scene_from_splat", "preview_camera", "source", "settings", "statistics")
 
-    Kinds are chunks, background, cards and hull."""
+
+def _checked_meta(path: Path) -> dict[str, Any]:
+    """The content of a scene.json of this schema, with all entries that every scene has."""
     if not path.is_file():
         raise InputError(f"{path.parent}: not a scene folder (it has no {META}); make one with splat2mesh")
     try:
@@ -270,10 +271,17 @@ def _read_meta(path: Path) -> tuple[list[Any], dict[str, Any], dict[Path, str]]:
         raise InputError(f"{path}: has no schema_version, so it is not a scene of this tool")
     if version > SCHEMA_VERSION:
         raise InputError(f"{path}: schema version {version}, this tool reads up to {SCHEMA_VERSION}; update the tool")
-    required = ("chunks", "scene_from_splat", "preview_camera", "source", "settings", "statistics")
-    missing = [name for name in required if name not in meta]
+    missing = [name for name in _REQUIRED if name not in meta]
     if missing or not meta["chunks"]:
         raise InputError(f"{path}: lacks {', '.join(missing) or 'chunks'}; convert the splat again")
+    return meta
+
+
+def _read_meta(path: Path) -> tuple[list[Any], dict[str, Any], dict[Path, str]]:
+    """Of scene.json: [file, kind, vertices, faces] of each chunk, the Scene's other fields, and the SHA-256 of files.
+
+    Kinds are chunks, background, cards and hull."""
+    meta = _checked_meta(path)
     try:
         listed = [(entry, "chunks") for entry in meta["chunks"]] + [(entry, HULL) for entry in meta.get(HULL, [])]
         entries: list[Any] = []
@@ -290,7 +298,7 @@ def _read_meta(path: Path) -> tuple[list[Any], dict[str, Any], dict[Path, str]]:
         total = len(hull) + sum(kind == "chunks" for _, kind, *_ in entries)
         if list(hull) != sorted(set(hull)) or (hull and not 0 <= hull[0] <= hull[-1] < total):
             raise ValueError(f"hull chunks {hull} of {total}")
-        fields = {HULL: hull, "capture": dict(meta.get("capture", {})), **{name: meta[name] for name in required[2:]}}
+        fields = {HULL: hull, "capture": dict(meta.get("capture", {})), **{name: meta[name] for name in _REQUIRED[2:]}}
         fields["source"] = _with_paths(meta["source"], lambda file: absolute(file, path.parent))
         fields["scene_from_splat"] = np.array(meta["scene_from_splat"], np.float64).reshape(4, 4)
         if not np.isfinite(fields["scene_from_splat"]).all():

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...base.errors import DataWarning
+from ..cleaning import sound
 from ..harmonics import SH_C0
-from ..splats import ABSURD_LENGTH, Splats
+from ..splats import Splats
 
 _IDENTITY_WXYZ = np.array([1, 0, 0, 0], np.float32)
 
@@ -90,13 +91,7 @@ def hide_unusable(splats: Splats, path: str | os.PathLike[str]) -> tuple[Splats,
     length beyond `ABSURD_LENGTH`, no extent, a zero quaternion) are transparent splats at the origin; usable: (N,)
     bool, the other rows. Warns with a DataWarning with the number of rows replaced.
     """
-    n = len(splats)
-    values = (splats.means, splats.scales, splats.quats_wxyz, splats.opacities, splats.sh)
-    usable = np.logical_and.reduce([np.isfinite(value.reshape(n, -1)).all(axis=1) for value in values])
-    with np.errstate(invalid="ignore"):
-        usable &= (np.abs(splats.means).max(axis=1) <= ABSURD_LENGTH) & splats.quats_wxyz.any(axis=1)
-        usable &= (splats.scales.min(axis=1) >= 0) & (splats.scales.max(axis=1) > 0)
-        usable &= splats.scales.max(axis=1) <= ABSURD_LENGTH
+    n, usable = len(splats), sound(splats)
     if usable.all():
         return splats, usable
     lost = n - np.count_nonzero(usable)

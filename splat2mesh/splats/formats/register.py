@@ -162,6 +162,17 @@ FORMATS = (
 
 BY_KIND = {each.kind: each for each in FORMATS}
 
+_MARKS: tuple[tuple[str, Callable[[bytes, str], bool]], ...] = (
+    ("spz", lambda head, suffix: head.startswith((b"\x1f\x8b", spz.MAGIC))),
+    ("glb", lambda head, suffix: head.startswith(gltf.MAGIC) or suffix == ".gltf"),
+    ("usd", lambda head, suffix: head.startswith(usd.MARKS) or (head.startswith(sog.ZIP) and suffix == ".usdz")),
+    ("lcc", lambda head, suffix: head.lstrip().startswith(b"{") and suffix == lcc.SUFFIX),
+    ("sog", lambda head, suffix: head.startswith(sog.ZIP) or head.lstrip().startswith(b"{")),
+    ("splat", lambda head, suffix: suffix == ".splat"),
+    ("ksplat", lambda head, suffix: suffix == ".ksplat" or (not suffix and ksplat.looks_like(head))),
+)
+"""By the first bytes of a file and its suffix, in the order in which they are asked."""
+
 KINDS = (
     "an INRIA or compressed .ply, a .splat, a .ksplat, a .spz, a .sog (also as a folder with meta.json), "
     "a .glb or .gltf with KHR_gaussian_splatting, a .usd, an .lcc, the lod-meta.json of a streamed SOG, "
@@ -191,20 +202,9 @@ def kind_of_file(path: Path) -> str:
         raise InputError(f"{path} is a {known.title}, which is {known.instead}")
     if head.split(b"\n")[0].strip() == b"ply":
         return "compressed.ply" if "chunk" in Ply.open(path).elements else "ply"
-    if head.startswith((b"\x1f\x8b", spz.MAGIC)):
-        return "spz"
-    if head.startswith(gltf.MAGIC) or suffix == ".gltf":
-        return "glb"
-    if head.startswith(usd.MARKS) or (head.startswith(sog.ZIP) and suffix == ".usdz"):
-        return "usd"
-    if head.lstrip().startswith(b"{") and suffix == lcc.SUFFIX:
-        return "lcc"
-    if head.startswith(sog.ZIP) or head.lstrip().startswith(b"{"):
-        return "sog"
-    if suffix == ".splat":
-        return "splat"
-    if suffix == ".ksplat" or (not suffix and ksplat.looks_like(head)):
-        return "ksplat"
+    for kind, shows in _MARKS:
+        if shows(head, suffix):
+            return kind
     raise InputError(f"{path} is not a splat file (it starts with {head[:12]!r}): expected {KINDS}")
 
 
