@@ -11,9 +11,9 @@ import numpy as np
 
 from .base.errors import DataWarning, InputError
 from .base.inputs import check_special, file_size, reading
+from .capture import is_place, standing_of
 from .layout import is_layout, read_layout
 from .options import ConvertOptions
-from .pipeline import is_place, standing_of
 from .render.view import View
 from .scene.folder import META
 from .splats.cleaning import usable
@@ -47,21 +47,8 @@ _HEADER_BYTES = 1 << 20
 def info_of(path: str | os.PathLike[str], options: ConvertOptions | None = None) -> dict[str, Any]:
     """Describe a file or folder of any kind that the commands read.
 
-    Parameters
-    ----------
-    path : path
-    options : ConvertOptions, optional
-        `lod`, `cameras` and `up` count.
-
-    Returns
-    -------
-    dict
-        JSON-clean. `what` is splats, cameras, light, layout, mesh or scene; `warnings` are those of reading.
-
-    Raises
-    ------
-    InputError
-        For what is missing, broken, or of no known kind.
+    options: `lod`, `cameras` and `up` count. It is JSON-clean. `what` is splats, cameras, light, layout, mesh or
+    scene; `warnings` are those of reading. Raises InputError for what is missing, broken, or of no known kind.
     """
     path, asked = Path(path), options or ConvertOptions()
     if not os.path.lexists(path):

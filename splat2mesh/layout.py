@@ -79,26 +79,10 @@ def convert_layout(
 ) -> Scene:
     """Make one scene of the splats that a layout places: each is converted as if alone, then placed.
 
-    Parameters
-    ----------
-    path : path
-        JSON file.
-    options : ConvertOptions, optional
-        For each object that does not give its own; `cameras` and `lod` are refused here, objects have theirs.
-        `changes` are fields of it.
-    stages : Stages, optional
-        Times the work.
-
-    Returns
-    -------
-    Scene
-        Not yet saved. Its chunks are those of object after object, its `scene_from_splat` is the identity, and
-        `source["objects"]` says what stands where.
-
-    Raises
-    ------
-    InputError
-        For a layout, or a splat in it, that cannot be used.
+    path: JSON file. options: for each object that does not give its own; `cameras` and `lod` are refused here, objects
+    have theirs. `changes` are fields of it. stages: times the work. Returns Scene: not yet saved. Its chunks are those
+    of object after object, its `scene_from_splat` is the identity, and `source["objects"]` says what stands where.
+    Raises InputError for a layout, or a splat in it, that cannot be used.
     """
     shared = ConvertOptions.of(options, **changes)
     check_proxy(shared.proxy)

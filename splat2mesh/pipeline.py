@@ -1,16 +1,17 @@
-"""The pipeline of splat2mesh: a trained splat file in, a scene out."""
+"""The pipeline of splat2mesh: a trained splat file in, a scene out, by its capture, looks at it and their surface."""
 
 import hashlib
 import os
 import warnings
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from .base import ahead
-from .base.arrays import Floats, Mask, Matrix4, Vector
+from .base.arrays import Matrix4, Vector
 from .base.errors import DataWarning, InputError
 from .base.progress import Stages
+from .capture import Capture, capture_of
 from .options import ConvertOptions
 from .proxy import add_proxy, check_proxy
 from .render.beside import beside
@@ -20,26 +21,19 @@ from .scene.drawn import Drawn
 from .scene.mesh import Mesh
 from .scene.scene import Scene
 from .scene.sources import describe
-from .splats.cleaning import clean, usable
-from .splats.extent import check_extent
-from .splats.formats import read_splats
 from .splats.placing import placed_mesh
 from .splats.splats import Splats
-from .surface.background import far_background, foreground_ball, views_from_within
-from .surface.extract import EFFORTS, Effort, as_trained, dilated, training_pixel
+from .surface.background import views_from_within
+from .surface.extract import EFFORTS, Effort, Look, as_trained, dilated, training_pixel
 from .surface.foliage import MESH as LEAVES_IN_MESH
 from .surface.foliage import leaves_apart
 from .surface.measure import measured_of
-from .surface.place import PLACE, parted, reconstruct_place
+from .surface.place import parted, place_look, reconstruct_place
 from .surface.solid import reconstruct_object
-from .texture.projection import Look
 from .views.cameras import spread_out
 from .views.eyes import around
-from .views.located import located_views
-from .views.panes import sky_in_panes
 from .views.picture import place_view
-from .views.standpoints import ROOM_SHARE, Standpoints, standpoints
-from .views.upright import upright
+from .views.standpoints import ROOM_SHARE, Standpoints
 from .views.viewpoints import bounds_of, near_plane, picture_view, virtual_views
 
 DEFAULT_VERTICES = 50_000
@@ -51,8 +45,18 @@ GROUND_VERTICES = 200_000
 AROUND = 40
 """Views from around that join those of the standpoints where a capture looked from within and from around."""
 
-TRAINED = 2
-"""Trained views for one virtual one, of a place: each of them shows a small part."""
+TRAINED, PICTURED = 2, 48
+"""Trained views for one virtual one, of a place, as each of them shows a small part; and those at most that its picture
+is chosen among."""
+
+
+class SeenSurface(NamedTuple):
+    """What views of a splat show, in its frame: the mesh, its far background apart, the views, and counts."""
+
+    mesh: Mesh
+    backdrop: Mesh | None
+    looks: list[Look]
+    statistics: dict[str, Any]
 
 
 def convert(
@@ -86,111 +90,144 @@ def convert(
     asked = ConvertOptions.of(options, **changes)
     check_proxy(asked.proxy)
     stages = stages or Stages()
-    with stages.stage("read"):
-        loaded = read_splats(path, asked.lod)
-        splats, counts = clean(loaded)
-        check_extent(splats)
-        rows = np.flatnonzero(usable(loaded)[0])
-        trained = located_views(asked.cameras, path, asked.lod, splats)
-        rotation, up_from = upright(asked.up, trained, splats, lambda: is_place(splats))
-    order = splats.spatial_order()
-    splats, rows = splats.take(order), rows[order]
-    center, radius, far = foreground_ball(splats)
-    foreground, effort = splats.take(np.flatnonzero(~far)), EFFORTS[asked.detail]
-    with stages.stage("standpoints"):
-        standing = standing_of(foreground, splats, asked, rotation[1, :3])
-        panes = _panes(standing, foreground, splats, far)
-    ahead.expect(ahead.PLACE if standing.eyes else ahead.OBJECT)
-    far, solid = far | panes, splats.take(np.flatnonzero(~panes)) if panes.any() else splats
-    statistics = dict.fromkeys(("components_dropped", "holes_filled", "vertices_unseen"), 0)
-    backdrop = None
-    if standing.kind == "outside":
-        parts = [as_trained(foreground)]
-        views = [choose_views(parts[0].splats, trained, rotation[1, :3], effort, asked.seed, stages)]
-        if far.any() and asked.background == "keep":
-            parts.append(as_trained(splats.take(np.flatnonzero(far))))
-            views.append(views_from_within(parts[0].splats, effort.pixels, rotation[1, :3]))
-        most = GROUND_VERTICES if asked.vertices is None and standing.share_surrounded >= ROOM_SHARE else 0
-        wanted = asked.vertices or DEFAULT_VERTICES
-        looks = [
-            Look(part.splats, looking, np.full(len(looking), near_plane(bounds_of(part.splats))))
-            for part, looking in zip(parts, views, strict=True)
-        ]
-        mesh = reconstruct_object(parts, views, asked.surface, effort, wanted, most, stages, statistics)
-        seen_from = sum(map(len, views))
-    else:
-        seen, near = place_views(standing, foreground, trained, rotation[1, :3], effort, asked.seed, stages)
-        overhead = standing.overhead if trained else None
-        mesh, seen, near = reconstruct_place(solid, seen, near, asked.vertices, stages, statistics, overhead)
-        seen_from = len(seen)
-        looks = [Look(dilated(solid, PLACE.dilation * training_pixel(solid)), seen, near)]
-        if asked.background == "cut":
-            mesh, backdrop = parted(mesh, center, radius)
-    if far.any() and asked.background == "cut":
-        count = f"{far.sum()} of {len(splats)} splats"
+    capture = capture_of(path, asked, stages)
+    ahead.expect(ahead.PLACE if capture.standing.eyes else ahead.OBJECT)
+    looks = _looks_of(capture, asked, stages)
+    surface = _surface_of(capture, asked, looks, stages)
+    if capture.far.any() and asked.background == "cut":
+        count = f"{capture.far.sum()} of {len(capture.splats)} splats"
         message = f"{count} are far background and were cut; `background` keep meshes them too"
         warnings.warn(message, DataWarning, stacklevel=2)
-    if len(mesh.faces) == 0:
+    if len(surface.mesh.faces) == 0:
         raise InputError(f"{path}: no surface is left after cleaning: is this a splat of a solid object?")
-    with stages.stage("picture"):
-        shown = dilated(foreground, training_pixel(foreground))
-        if standing.kind == "outside":
-            view = picture_view(shown, rotation[1, :3], within=asked.surface != "field")
-        else:
-            view = place_view(mesh.vertices, mesh.faces, standing.eyes, spread_out(trained, 48), rotation[1, :3])
-        camera = preview_camera(view, bounds_of(shown).mean(axis=0), rotation)
-        picture = beside(splats, mesh, view, near_plane(bounds_of(foreground)))
-    statistics = {
-        "splats": len(splats) + sum(counts.values()),
-        **{f"splats_{reason}": count for reason, count in counts.items()},
-        "splats_background": int(far.sum()),
-        "views": seen_from,
-        **statistics,
-        "vertices": len(mesh.vertices),
-        "faces": len(mesh.faces),
-    }
-    settings = {
-        "detail": asked.detail,
-        "surface": asked.surface,
-        "background": asked.background,
-        "vertices": asked.vertices or ("auto" if standing.eyes else DEFAULT_VERTICES),
-        "max_chunk_vertices": asked.max_chunk_vertices,
-        "up": asked.up,
-        "up_from": up_from,
-        "lod": asked.lod,
-        "from": asked.stand,
-        "seed": asked.seed,
-        "cameras": "trained" if trained else "virtual",
-    }
-    with stages.stage("chunks"):
-        scene = Scene.from_mesh(
-            _turned(mesh, rotation),
-            asked.max_chunk_vertices,
-            background=split(_turned(backdrop, rotation), asked.max_chunk_vertices) if backdrop else [],
-            background_splats=np.sort(rows[far]),
-            scene_from_splat=rotation,
-            preview_camera=camera,
-            picture=picture,
-            capture=_capture(standing, rotation),
-            source=describe(path, asked.lod) | ({"offset": splats.facts.offset} if any(splats.facts.offset) else {}),
-            settings=settings,
-            statistics=statistics,
-        )
-    with stages.stage("measure"):
-        stood = scene.capture.get("eyes") or [rotation[:3, :3] @ view.center for view in trained]
-        alone = standing.kind == "outside" and standing.share_surrounded < ROOM_SHARE and not far.any()
-        scene.measured = measured_of(loaded, scene.background_splats, scene.vertices, rotation, stood, alone)
-    if asked.foliage != LEAVES_IN_MESH:
-        with stages.stage("foliage"):
-            scene = leaves_apart(scene, foreground, asked.foliage, asked.max_chunk_vertices)
-            drawn = placed_mesh(Drawn(scene).mesh, np.linalg.inv(rotation))
-            scene.picture = beside(splats, drawn, view, near_plane(bounds_of(foreground)))
+    scene = _scene_of(path, capture, asked, surface, stages)
     if asked.texture != "none":
-        add_texture(scene, looks, asked.texture, stages)
+        add_texture(scene, surface.looks, asked.texture, stages)
     if asked.proxy:
         with stages.stage("proxy"):
             add_proxy(scene, asked.proxy, asked.seed)
     return scene
+
+
+def _looks_of(capture: Capture, asked: ConvertOptions, stages: Stages) -> list[Look]:
+    """What is looked at from where: a place, or an object and then its background where that is kept."""
+    up, effort = capture.rotation[1, :3], EFFORTS[asked.detail]
+    with stages.stage("views"):
+        if capture.standing.kind != "outside":
+            return [_look_of_place(capture, effort, asked.seed)]
+        shown, pixel = as_trained(capture.foreground)
+        if capture.trained:
+            views = [view.resized(effort.pixels) for view in spread_out(capture.trained, effort.views)]
+        else:
+            views = virtual_views(shown, effort.views, effort.pixels, up, asked.seed, tell=True)
+    looks = [Look.around(shown, pixel, views)]
+    if capture.far.any() and asked.background == "keep":
+        behind = capture.splats.take(np.flatnonzero(capture.far))
+        looks.append(Look.around(*as_trained(behind), views_from_within(shown, effort.pixels, up)))
+    return looks
+
+
+def _look_of_place(capture: Capture, effort: Effort, seed: int) -> Look:
+    """From trained views, or from the standpoints and, in the open, from around them."""
+    solid, up = capture.splats, capture.rotation[1, :3]
+    if capture.panes.any():
+        solid = solid.take(np.flatnonzero(~capture.panes))
+    plane = near_plane(bounds_of(capture.foreground))
+    if capture.trained:
+        views = [view.resized(effort.pixels) for view in spread_out(capture.trained, TRAINED * effort.views)]
+        return place_look(solid, views, np.full(len(views), plane))
+    views, near = around(capture.standing.eyes, effort.pixels, up)
+    if capture.standing.kind == "both":
+        shown, _ = as_trained(capture.foreground)
+        more = virtual_views(shown, AROUND, effort.pixels, up, seed, capture.standing.space)
+        views, near = views + more, np.append(near, np.full(len(more), plane))
+    return place_look(solid, views, near)
+
+
+def _surface_of(capture: Capture, asked: ConvertOptions, looks: list[Look], stages: Stages) -> SeenSurface:
+    """The mesh of what is looked at."""
+    standing = capture.standing
+    if standing.kind == "outside":
+        most = GROUND_VERTICES if asked.vertices is None and standing.share_surrounded >= ROOM_SHARE else 0
+        wanted, effort = asked.vertices or DEFAULT_VERTICES, EFFORTS[asked.detail]
+        mesh, counts = reconstruct_object(looks, asked.surface, effort, wanted, most, stages)
+        return SeenSurface(mesh, None, looks, counts)
+    overhead = standing.overhead if capture.trained else None
+    mesh, look, counts = reconstruct_place(looks[0], asked.vertices, stages, overhead)
+    backdrop = None
+    if asked.background == "cut":
+        mesh, backdrop = parted(mesh, capture.center, capture.radius)
+    return SeenSurface(mesh, backdrop, [look], counts)
+
+
+def _picture_view(capture: Capture, asked: ConvertOptions, mesh: Mesh, shown: Splats) -> View:
+    """The view of a scene's picture. shown: the foreground, dilated."""
+    up, standing = capture.rotation[1, :3], capture.standing
+    if standing.kind == "outside":
+        return picture_view(shown, up, within=asked.surface != "field")
+    return place_view(mesh.vertices, mesh.faces, standing.eyes, spread_out(capture.trained, PICTURED), up)
+
+
+def _scene_of(
+    path: str | os.PathLike[str], capture: Capture, asked: ConvertOptions, surface: SeenSurface, stages: Stages
+) -> Scene:
+    """The Scene of a surface, with what is known and was measured of its capture, and leaves apart where asked for."""
+    splats, foreground, rotation, standing = capture.splats, capture.foreground, capture.rotation, capture.standing
+    mesh, near = surface.mesh, near_plane(bounds_of(foreground))
+    with stages.stage("picture"):
+        shown = dilated(foreground, training_pixel(foreground))
+        view = _picture_view(capture, asked, mesh, shown)
+        camera = preview_camera(view, bounds_of(shown).mean(axis=0), rotation)
+        picture = beside(splats, mesh, view, near)
+    with stages.stage("chunks"):
+        most, backdrop = asked.max_chunk_vertices, surface.backdrop
+        offset = {"offset": splats.facts.offset} if any(splats.facts.offset) else {}
+        scene = Scene.from_mesh(
+            _turned(mesh, rotation),
+            most,
+            background=split(_turned(backdrop, rotation), most) if backdrop else [],
+            background_splats=np.sort(capture.rows[capture.far]),
+            scene_from_splat=rotation,
+            preview_camera=camera,
+            picture=picture,
+            capture=_described(standing, rotation),
+            source=describe(path, asked.lod) | offset,
+            settings=_settings(capture, asked),
+            statistics={
+                **capture.counts,
+                "views": sum(len(look.views) for look in surface.looks),
+                **surface.statistics,
+                "vertices": len(mesh.vertices),
+                "faces": len(mesh.faces),
+            },
+        )
+    with stages.stage("measure"):
+        stood = scene.capture.get("eyes") or [rotation[:3, :3] @ view.center for view in capture.trained]
+        alone = standing.kind == "outside" and standing.share_surrounded < ROOM_SHARE and not capture.far.any()
+        scene.measured = measured_of(capture.loaded, scene.background_splats, scene.vertices, rotation, stood, alone)
+    if asked.foliage != LEAVES_IN_MESH:
+        with stages.stage("foliage"):
+            scene = leaves_apart(scene, foreground, asked.foliage, most)
+            drawn = placed_mesh(Drawn(scene).mesh, np.linalg.inv(rotation))
+            scene.picture = beside(splats, drawn, view, near)
+    return scene
+
+
+def _settings(capture: Capture, asked: ConvertOptions) -> dict[str, Any]:
+    """The entry of scene.json on what was asked for."""
+    return {
+        "detail": asked.detail,
+        "surface": asked.surface,
+        "background": asked.background,
+        "vertices": asked.vertices or ("auto" if capture.standing.eyes else DEFAULT_VERTICES),
+        "max_chunk_vertices": asked.max_chunk_vertices,
+        "up": asked.up,
+        "up_from": capture.up_from,
+        "lod": asked.lod,
+        "from": asked.stand,
+        "seed": asked.seed,
+        "cameras": "trained" if capture.trained else "virtual",
+    }
 
 
 def add_texture(scene: Scene, looks: list[Look], size: int | str, stages: Stages) -> None:
@@ -217,73 +254,17 @@ def add_texture(scene: Scene, looks: list[Look], size: int | str, stages: Stages
     scene.statistics = scene.statistics | statistics
 
 
-def standing_of(foreground: Splats, splats: Splats, asked: ConvertOptions, up: Vector) -> Standpoints:
-    """The Standpoints of a capture; the sugar way knows objects only."""
-    if asked.surface != "field":
-        return standpoints(splats, bounds_of(foreground), "outside")
-    eyes = [tuple(np.subtract(eye, splats.facts.offset).tolist()) for eye in asked.eyes]
-    return standpoints(splats, bounds_of(foreground), asked.stand, eyes, asked.seed, up)
-
-
-def is_place(splats: Splats) -> bool:
-    """Whether a capture looked from within, whatever is up."""
-    foreground = splats.take(np.flatnonzero(~far_background(splats)))
-    return len(foreground) > 0 and bool(standpoints(foreground, bounds_of(foreground)).eyes)
-
-
-def _panes(standing: Standpoints, foreground: Splats, splats: Splats, far: Mask) -> Mask:
-    """Which splats are sky in the windows of a room, (N,) bool: none of other captures."""
-    if standing.kind != "inside":
-        return np.zeros(len(splats), bool)
-    return sky_in_panes(splats, far, bounds_of(foreground), standing.eyes)
-
-
 def _turned(mesh: Mesh, rotation: Matrix4) -> Mesh:
     turn = rotation[:3, :3].astype(np.float32)
     return Mesh(mesh.vertices @ turn.T, mesh.normals @ turn.T, mesh.faces, mesh.colors_srgb)
 
 
-def _capture(standing: Standpoints, rotation: Matrix4) -> dict[str, Any]:
+def _described(standing: Standpoints, rotation: Matrix4) -> dict[str, Any]:
     """The entry of scene.json on Standpoints: `from`, and for a place `eyes` in the scene frame and `focal_px`."""
     if not standing.eyes:
         return {"from": standing.kind}
     eyes = [(rotation[:3, :3] @ eye.center).tolist() for eye in standing.eyes]
     return {"from": standing.kind, "eyes": eyes, "focal_px": standing.focal}
-
-
-def choose_views(
-    splats: Splats, trained: list[View], up: Vector, effort: Effort, seed: int, stages: Stages
-) -> list[View]:
-    """Return the views to look from: trained ones where given, else virtual ones."""
-    with stages.stage("views"):
-        if trained:
-            return [view.resized(effort.pixels) for view in spread_out(trained, effort.views)]
-        return virtual_views(splats, effort.views, effort.pixels, up, seed, tell=True)
-
-
-def place_views(
-    standing: Standpoints,
-    foreground: Splats,
-    trained: list[View],
-    up: Vector,
-    effort: Effort,
-    seed: int,
-    stages: Stages,
-) -> tuple[list[View], Floats]:
-    """Return the views of a place and their near planes.
-
-    They are trained ones, or look from its standpoints and, in the open, from around it.
-    """
-    plane = near_plane(bounds_of(foreground))
-    with stages.stage("views"):
-        if trained:
-            views = [view.resized(effort.pixels) for view in spread_out(trained, TRAINED * effort.views)]
-            return views, np.full(len(views), plane)
-        views, near = around(standing.eyes, effort.pixels, up)
-        if standing.kind == "both":
-            more = virtual_views(as_trained(foreground).splats, AROUND, effort.pixels, up, seed, standing.space)
-            views, near = views + more, np.append(near, np.full(len(more), plane))
-        return views, near
 
 
 def preview_camera(view: View, middle: Vector, rotation: Matrix4) -> dict[str, Any]:
@@ -306,39 +287,29 @@ def plan(path: str | os.PathLike[str], options: ConvertOptions | None = None, **
     Arguments and errors as of `convert`.
     """
     asked = ConvertOptions.of(options, **changes)
-    splats, counts = clean(read_splats(path, asked.lod))
-    check_extent(splats)
-    trained = located_views(asked.cameras, path, asked.lod, splats)
-    rotation, up_from = upright(asked.up, trained, splats, lambda: is_place(splats))
-    effort = EFFORTS[asked.detail]
-    total, far = len(splats), far_background(splats)
-    foreground = splats.take(np.flatnonzero(~far))
-    standing = standing_of(foreground, splats, asked, rotation[1, :3])
-    far |= _panes(standing, foreground, splats, far)
-    splats = foreground
-    if trained:
-        wanted = effort.views * (TRAINED if standing.eyes else 1)
-        views = f"{min(len(trained), wanted)} of {len(trained)} trained"
-    elif standing.eyes:
-        views = f"{6 * len(standing.eyes)} from {len(standing.eyes)} standpoints"
-        views += f", {AROUND} or more from around" if standing.kind == "both" else ""
+    capture = capture_of(path, asked, Stages())
+    effort, eyes, foreground = EFFORTS[asked.detail], capture.standing.eyes, capture.foreground
+    if capture.trained:
+        wanted = effort.views * (TRAINED if eyes else 1)
+        views = f"{min(len(capture.trained), wanted)} of {len(capture.trained)} trained"
+    elif eyes:
+        views = f"{6 * len(eyes)} from {len(eyes)} standpoints"
+        views += f", {AROUND} or more from around" if capture.standing.kind == "both" else ""
     else:
         views = f"{effort.views} virtual"
     return {
-        "splats": total + sum(counts.values()),
-        **{f"splats_{reason}": count for reason, count in counts.items()},
-        "splats_background": int(far.sum()),
-        "sh_degree": splats.degree,
-        "bounds_in_splat_frame": bounds_of(splats).tolist(),
-        "scene_from_splat": rotation.tolist(),
-        "up_from": up_from,
-        "training_pixel": training_pixel(splats),
+        **capture.counts,
+        "sh_degree": foreground.degree,
+        "bounds_in_splat_frame": bounds_of(foreground).tolist(),
+        "scene_from_splat": capture.rotation.tolist(),
+        "up_from": capture.up_from,
+        "training_pixel": training_pixel(foreground),
         "surface": asked.surface,
         "background": asked.background,
-        "from": standing.kind,
+        "from": capture.standing.kind,
         "views": views,
         "view_pixels": effort.pixels,
         "vertices": f"{asked.vertices or DEFAULT_VERTICES:,} or fewer"
-        if asked.vertices or not standing.eyes
+        if asked.vertices or not eyes
         else "as many as the surface needs",
     }

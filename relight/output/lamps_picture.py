@@ -25,12 +25,8 @@ INK = np.array([255, 90, 40], np.uint8)
 def lamps_picture(scene: "Scene", lamps: Sequence[dict[str, Any]]) -> NDArray[np.uint8]:
     """Return the picture, (H, W, 3) uint8 sRGB.
 
-    Parameters
-    ----------
-    scene : Scene
-        A closed room, which knows where its capture stood.
-    lamps : sequence of dict
-        As the report has them, in order: `place` (3,), scene frame, `share_of_light` and `evidence`.
+    scene: a closed room, which knows where its capture stood. lamps: as the report has them, in order: `place` (3,),
+    scene frame, `share_of_light` and `evidence`.
     """
     pictures = []
     eyes = np.asarray(scene.capture.get("eyes", ()), np.float64).reshape(-1, 3)

@@ -37,10 +37,7 @@ NEAREST = 1e-3
 def north(north_deg: float) -> NDArray[np.float64]:
     """Return the direction of north, (3,) unit, scene frame.
 
-    Parameters
-    ----------
-    north_deg : float
-        By how much it is turned about +y from -z, counter-clockwise from above.
+    north_deg: by how much it is turned about +y from -z, counter-clockwise from above.
     """
     turn = np.radians(north_deg)
     return np.array([-np.sin(turn), 0.0, -np.cos(turn)])
@@ -51,15 +48,8 @@ def north_picture(
 ) -> NDArray[np.uint8]:
     """Return the picture, (H, W, 3) uint8 sRGB.
 
-    Parameters
-    ----------
-    scene : Scene
-    radiance : ndarray of float32, (V, 3)
-        Linear, in which the mesh is drawn.
-    north_deg : float
-        As of `north`.
-    camera : dict, optional
-        As of `Preview`; that of the preview without.
+    radiance: (V, 3) float32, linear, in which the mesh is drawn. north_deg: as of `north`. camera: as of `Preview`;
+    that of the preview without.
     """
     from PIL import Image, ImageDraw, ImageFont
 

@@ -50,18 +50,9 @@ def bounce_errors(
     Rays from the surfaces of leaves and grass tell nothing of what these hide as volumes: all but noise is taken to be
     as large there, for the share that is a surface, as elsewhere.
 
-    Parameters
-    ----------
-    sample : Sample
-        Its rows are compared.
-    albedo : ndarray, (V, 3) float32, or 1
-        Linear.
-    direct, radiance : ndarray, (V, 3) float32
-        Of all vertices: direct light on the white scene, exit radiance with bounces.
-    hidden : ndarray, (V,) float32
-        Share of the cosine lobe of every vertex that bounces were scaled to.
-    seed : int
-        Of the work; other rays are taken.
+    sample: its rows are compared. albedo: (V, 3) float32, or 1, linear. direct, radiance: (V, 3) float32, of all
+    vertices: direct light on the white scene, exit radiance with bounces. hidden: (V,) float32, share of the cosine
+    lobe of every vertex that bounces were scaled to. seed: of the work; other rays are taken.
     """
     rows = sample.rows
     tint = np.broadcast_to(albedo, radiance.shape)[rows]

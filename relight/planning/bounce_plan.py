@@ -68,20 +68,10 @@ def plan_first_bounce(
     Two independent sets of rays differ by their noise, so no converged reference is traced. That would take 2,048 rays
     from each of 1,024 vertices: more than the work itself in scenes of a few thousand vertices.
 
-    Parameters
-    ----------
-    occluder : Occluder
-        As `first_bounce` takes it.
-    sent : ndarray, (V, 3) float32
-        Exit radiance of the surfaces in the direct light of the lamps.
-    matrix : Interreflection
-        The bounces that are there.
-    beside : ndarray, (V, 3) float32
-        All other light that vertices receive, irradiance over pi: an error counts as a part of all light.
-    tolerance : float
-        Relative error that is accepted.
-    seed : int
-        Of the sample and of the rays.
+    occluder: as `first_bounce` takes it. sent: (V, 3) float32, exit radiance of the surfaces in the direct light of the
+    lamps. matrix: the bounces that are there. beside: (V, 3) float32, all other light that vertices receive, irradiance
+    over pi: an error counts as a part of all light. tolerance: relative error that is accepted. seed: of the sample and
+    of the rays.
     """
     count = len(occluder.origins)
     rows = np.sort(np.random.default_rng(seed).choice(count, min(SAMPLE, count), replace=False))

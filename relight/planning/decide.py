@@ -98,25 +98,10 @@ def leaves_for(
 ) -> Leaves:
     """How leaves and grass are lit: as volumes if surfaces cost too much, or on request.
 
-    Parameters
-    ----------
-    error : float
-        Of their being surfaces, relative to all light.
-    leafy : float
-        Their light over all.
-    wish : float
-        The tolerance.
-    effects : frozenset of str or None
-        The effects that were requested; None if unspecified.
-    direction_s : float
-        Seconds for each direction from which light comes to them.
-    vertices : int
-        How many of the scene they are.
-
-    Returns
-    -------
-    Leaves
-        With the fewest directions whose noise is within its part of the tolerance, or with the most there are.
+    error: of their being surfaces, relative to all light. leafy: their light over all. wish: the tolerance. effects:
+    the effects that were requested; None if unspecified. direction_s: seconds for each direction from which light comes
+    to them. vertices: how many of the scene they are. Returns Leaves with the fewest directions whose noise is within
+    its part of the tolerance, or with the most there are.
     """
     if not (error > SKIPPED * wish if effects is None else VOLUME in effects):
         return Leaves(0, error, 0.0, vertices, error)

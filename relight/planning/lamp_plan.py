@@ -86,14 +86,9 @@ def plan_lamps(
 ) -> LampPlan:
     """Choose the fewest rays that keep to a tolerance.
 
-    Parameters
-    ----------
-    occluder, emitters, leaf, least, seed
-        As of `lamps.tracing.lamplight`, leaf (V,) of all vertices.
-    beside : (V, 3) float32
-        What vertices receive of other light, irradiance over pi: an error counts as a part of all light.
-    tolerance : float
-        Relative error of light that is accepted.
+    occluder, emitters, leaf, least, seed: as of `lamps.tracing.lamplight`, leaf (V,) of all vertices. beside: (V, 3)
+    float32, what vertices receive of other light, irradiance over pi: an error counts as a part of all light.
+    tolerance: relative error of light that is accepted.
     """
     count = len(occluder.origins)
     rng = np.random.default_rng(seed)

@@ -27,20 +27,8 @@ def check_bands(bands: int) -> int:
 def bands_of(coefficients: Coefficients) -> int:
     """Return the number of bands of SH coefficients.
 
-    Parameters
-    ----------
-    coefficients : ndarray, (K,) or (..., K, C)
-        Index l (l + 1) + m, the SH axis before the colour axis.
-
-    Returns
-    -------
-    int
-        B, with K = B^2.
-
-    Raises
-    ------
-    InputError
-        Unless K is 1, 4, 9 ... 100.
+    coefficients: (K,) or (..., K, C), index l (l + 1) + m, the SH axis before the colour axis. Returns B, with K = B^2.
+    Raises InputError unless K is 1, 4, 9 ... 100.
     """
     shape = np.shape(coefficients)
     count = shape[-2:][0] if shape else 0
@@ -53,15 +41,7 @@ def bands_of(coefficients: Coefficients) -> int:
 def degrees_and_orders(bands: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return degree l and order m of every coefficient.
 
-    Parameters
-    ----------
-    bands : int
-        B, from 1 up.
-
-    Returns
-    -------
-    degree, order : ndarray of int64, (K,)
-        K = B^2, in the order of the coefficients.
+    bands: B, from 1 up. Returns (K,) int64: K = B^2, in the order of the coefficients.
     """
     degree = np.repeat(np.arange(bands), 2 * np.arange(bands) + 1)
     return degree, np.arange(bands * bands) - degree * (degree + 1)
@@ -70,25 +50,9 @@ def degrees_and_orders(bands: int) -> tuple[NDArray[np.int64], NDArray[np.int64]
 def evaluate(directions: Directions, bands: int) -> Floats:
     """Evaluate the basis in directions.
 
-    Parameters
-    ----------
-    directions : ndarray, (N, 3)
-        Unit vectors, scene frame.
-    bands : int
-        B, from 1 to `MAX_BANDS`.
+    directions: (N, 3), unit vectors, scene frame. bands: B, from 1 to `MAX_BANDS`. Returns (N, K): Y(d), in the dtype
+    of the directions; float64 for integers. Raises InputError for another shape, and for bands outside 1..10.
 
-    Returns
-    -------
-    ndarray, (N, K)
-        Y(d), in the dtype of the directions; float64 for integers.
-
-    Raises
-    ------
-    InputError
-        For another shape, and for bands outside 1..10.
-
-    Notes
-    -----
     The normalised recurrence of the associated Legendre functions (Press et al., Numerical Recipes, 3rd ed., 6.7), with
     sin^m carried by the powers of x + i y, so that the poles need no care.
     """
@@ -108,26 +72,11 @@ def evaluate(directions: Directions, bands: int) -> Floats:
 def rotation_matrix(rotation: Floats, bands: int) -> NDArray[np.float64]:
     """Return the matrix that rotates SH coefficients.
 
-    Parameters
-    ----------
-    rotation : ndarray, (3, 3)
-        Proper rotation R, `dst_from_src`.
-    bands : int
-        B, from 1 to `MAX_BANDS`.
+    rotation: (3, 3), proper rotation R, `dst_from_src`. bands: B, from 1 to `MAX_BANDS`. Returns (K, K) float64:
+    orthogonal, band-diagonal M with Y(R d) = M Y(d). It also rotates what is described: where c are the coefficients of
+    L(d), M c are those of L(R^-1 d). Raises InputError for a matrix that is no rotation, to 1e-6, and for bands outside
+    1..10.
 
-    Returns
-    -------
-    ndarray of float64, (K, K)
-        Orthogonal, band-diagonal M with Y(R d) = M Y(d). It also rotates what is described: where c are the
-        coefficients of L(d), M c are those of L(R^-1 d).
-
-    Raises
-    ------
-    InputError
-        For a matrix that is no rotation, to 1e-6, and for bands outside 1..10.
-
-    Notes
-    -----
     M_ij is the integral of Y_i(R d) Y_j(d), which the quadrature evaluates exactly (to about 1e-14).
     """
     bands = check_bands(bands)
@@ -143,22 +92,9 @@ def rotation_matrix(rotation: Floats, bands: int) -> NDArray[np.float64]:
 def rotate(coefficients: Coefficients, rotation: Floats) -> NDArray[np.float64]:
     """Turn SH coefficients by an active rotation about any axis.
 
-    Parameters
-    ----------
-    coefficients : ndarray, (K,) or (..., K, C)
-        Coefficients of a function on the sphere, such as radiance.
-    rotation : ndarray, (3, 3)
-        Proper rotation, `dst_from_src`.
-
-    Returns
-    -------
-    ndarray of float64, as the coefficients
-        Those of the turned function.
-
-    Raises
-    ------
-    InputError
-        For another number of coefficients, and for a matrix that is no rotation.
+    coefficients: (K,) or (..., K, C), coefficients of a function on the sphere, such as radiance. rotation: (3, 3),
+    proper rotation, `dst_from_src`. Returns those of the turned function. Raises InputError for another number of
+    coefficients, and for a matrix that is no rotation.
     """
     return rotation_matrix(rotation, bands_of(coefficients)) @ coefficients
 
@@ -166,18 +102,8 @@ def rotate(coefficients: Coefficients, rotation: Floats) -> NDArray[np.float64]:
 def lambert_coefficients(bands: int) -> NDArray[np.float64]:
     """Return Lambert's lobe, the clamped cosine, in zonal harmonics.
 
-    Parameters
-    ----------
-    bands : int
-        B, from 1 to `MAX_BANDS`.
+    bands: B, from 1 to `MAX_BANDS`. Returns (B,) float64: A_l: pi, 2 pi / 3, pi / 4, 0 ...
 
-    Returns
-    -------
-    ndarray of float64, (B,)
-        A_l: pi, 2 pi / 3, pi / 4, 0 ...
-
-    Notes
-    -----
     Source: Ramamoorthi and Hanrahan, "An Efficient Representation for Irradiance Environment Maps", 2001.
     """
     lobe = np.zeros(check_bands(bands))
@@ -192,20 +118,8 @@ def lambert_coefficients(bands: int) -> NDArray[np.float64]:
 def convolve(coefficients: Coefficients) -> Floats:
     """Return the irradiance that radiance gives, by the normal.
 
-    Parameters
-    ----------
-    coefficients : ndarray, (K,) or (..., K, C)
-        Radiance L_lm.
-
-    Returns
-    -------
-    ndarray, as the coefficients
-        A_l L_lm, irradiance; over pi it is what leaves a white surface.
-
-    Raises
-    ------
-    InputError
-        For another number of coefficients.
+    coefficients: (K,) or (..., K, C), radiance L_lm. Returns A_l L_lm, irradiance; over pi it is what leaves a white
+    surface. Raises InputError for another number of coefficients.
     """
     bands = bands_of(coefficients)
     return _scaled(coefficients, lambert_coefficients(bands)[degrees_and_orders(bands)[0]])
@@ -214,20 +128,8 @@ def convolve(coefficients: Coefficients) -> Floats:
 def from_3dgs(coefficients: Coefficients) -> Floats:
     """Return our coefficients of those in 3DGS files.
 
-    Parameters
-    ----------
-    coefficients : ndarray, (K,) or (..., K, C)
-        In the sign convention of 3DGS, the constant one first.
-
-    Returns
-    -------
-    ndarray, as the coefficients
-        c = (-1)^m c_3dgs, in the same dtype.
-
-    Raises
-    ------
-    InputError
-        For another number of coefficients.
+    coefficients: (K,) or (..., K, C), in the sign convention of 3DGS, the constant one first. Returns c = (-1)^m
+    c_3dgs, in the same dtype. Raises InputError for another number of coefficients.
     """
     _, order = degrees_and_orders(bands_of(coefficients))
     return _scaled(coefficients, np.where(order % 2, -1, 1).astype(np.int8))
@@ -236,20 +138,9 @@ def from_3dgs(coefficients: Coefficients) -> Floats:
 def quadrature(bands: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return directions and weights that integrate products of two functions of B bands exactly.
 
-    Parameters
-    ----------
-    bands : int
-        B, from 1 up.
+    bands: B, from 1 up. Returns directions: (N, 3) float64, unit vectors, N = B (2 B - 1); weights: (N,) float64, solid
+    angles, sr.
 
-    Returns
-    -------
-    directions : ndarray of float64, (N, 3)
-        Unit vectors, N = B (2 B - 1).
-    weights : ndarray of float64, (N,)
-        Solid angles, sr.
-
-    Notes
-    -----
     Gauss-Legendre in z times equal steps around it.
     """
     z, weight = np.polynomial.legendre.leggauss(bands)

@@ -17,28 +17,12 @@ _Y_POLAR = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])  # to (z, x, y): the po
 def project_latlong(image: Radiance, bands: int) -> NDArray[np.float64]:
     """Project a lat-long environment onto the basis.
 
-    Parameters
-    ----------
-    image : ndarray, (H, W, 3)
-        Linear radiance, canonical lat-long: row 0 is +y, the centre looks at +z.
-    bands : int
-        B, from 1 to `MAX_BANDS`.
+    image: (H, W, 3), linear radiance, canonical lat-long: row 0 is +y, the centre looks at +z. bands: B, from 1 to
+    `MAX_BANDS`. Returns (K, 3) float64: radiance coefficients. Raises InputError for bands outside 1..10.
 
-    Returns
-    -------
-    ndarray of float64, (K, 3)
-        Radiance coefficients.
-
-    Raises
-    ------
-    InputError
-        For bands outside 1..10.
-
-    Notes
-    -----
     Texels are patches of constant radiance. The basis is integrated over the area of each: in closed form along the
-    row, by Gauss-Legendre down the column. So the result does not depend on the resolution at which the same
-    patches are stored.
+    row, by Gauss-Legendre down the column. So the result does not depend on the resolution at which the same patches
+    are stored.
     """
     bands = check_bands(bands)
     height, width = image.shape[:2]

@@ -12,16 +12,8 @@ from splat2mesh.scene.mesh import without_direction
 def unit_normals(normals: ArrayLike) -> NDArray[np.float32]:
     """Bring normals to length 1.
 
-    Parameters
-    ----------
-    normals : array_like, (V, 3)
-        Vectors of any length, in any frame.
-
-    Returns
-    -------
-    ndarray of float32, (V, 3)
-        Unit vectors. A degenerate normal (`without_direction`) becomes +y, as in Neural-GASh; one DataWarning says how
-        many did.
+    normals: (V, 3), vectors of any length, in any frame. Returns (V, 3) float32: unit vectors. A degenerate normal
+    (`without_direction`) becomes +y, as in Neural-GASh; one DataWarning says how many did.
     """
     normals = np.asarray(normals, np.float64)
     length = np.linalg.norm(normals, axis=1, keepdims=True)

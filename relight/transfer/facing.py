@@ -14,19 +14,8 @@ from .occluder import Occluder
 def met_in_front(occluder: Occluder, hits: Hits, directions: Directions) -> Mask:
     """Which rays meet a face, and from its front.
 
-    Parameters
-    ----------
-    occluder : Occluder
-        What the rays were shot at.
-    hits : Hits
-        Of N rays, as `Occluder.first_hits` returns them.
-    directions : ndarray, (N, 3)
-        Of the rays, unit frame.
-
-    Returns
-    -------
-    ndarray of bool, (N,)
-        False for the back of a face, and for rays that meet nothing.
+    occluder: what the rays were shot at. hits: of N rays, as `Occluder.first_hits` returns them. directions: (N, 3), of
+    the rays, unit frame. Returns (N,) bool: false for the back of a face, and for rays that meet nothing.
     """
     front = np.zeros(len(hits.faces), bool)
     toward = np.ascontiguousarray(directions, np.float32)

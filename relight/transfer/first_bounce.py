@@ -29,22 +29,10 @@ def first_bounce(
 ) -> NDArray[np.float32]:
     """Return what white vertices send on of the light that other surfaces send to them, (N, 3) float32.
 
-    Parameters
-    ----------
-    occluder : Occluder
-        The surfaces. The back of a face is black, as in `transfer.bounces`.
-    sent : ndarray, (V, 3) float32
-        Exit radiance of its vertices.
-    rays : int
-        From each vertex, cosine-distributed. Raises InputError outside 1..65536.
-    rows : ndarray of int, (N,), optional
-        The vertices that gather; all without.
-    seed : int
-        Of the directions.
-    advance : callable
-        Called with the number of vertices done.
-    met : ndarray, (N,) float32, optional
-        Takes the share of the rays of each vertex that met anything.
+    occluder: the surfaces. The back of a face is black, as in `transfer.bounces`. sent: (V, 3) float32, exit radiance
+    of its vertices. rays: from each vertex, cosine-distributed. Raises InputError outside 1..65536. rows: (N,) int, the
+    vertices that gather; all without. seed: of the directions. advance: called with the number of vertices done. met:
+    (N,) float32, takes the share of the rays of each vertex that met anything.
     """
     azimuths = sampling.fibonacci_azimuths(check_rays(rays))
     origins, normals = occluder.origins[rows], occluder.normals[rows]

@@ -57,15 +57,8 @@ class Record(dict):
 class GltfData:
     """A .glb or .gltf with its buffers in memory.
 
-    Attributes
-    ----------
-    path : Path
-    document : Record
-        Its JSON, as Records.
-    size : int
-        Bytes of the file.
-    node_weights : list of (list of float or None)
-        The morph weights of every node.
+    document: its JSON, as Records. size: bytes of the file. node_weights: list of (list of float or None), the morph
+    weights of every node.
     """
 
     def __init__(self, path: str | Path, meshless: bool = False) -> None:
@@ -121,21 +114,8 @@ class GltfData:
     def array(self, index: int, what: str) -> NDArray:
         """Read an accessor.
 
-        Parameters
-        ----------
-        index : int
-        what : str
-            What it is of, for messages.
-
-        Returns
-        -------
-        ndarray, (N,) or (N, width)
-            As stored or, where it is normalised, float32 in [-1, 1].
-
-        Raises
-        ------
-        InputError
-            Where it does not fit its buffer.
+        what: what it is of, for messages. Returns (N,) or (N, width): as stored or, where it is normalised, float32 in
+        [-1, 1]. Raises InputError where it does not fit its buffer.
         """
         try:
             accessor = entry(self.document.accessors, index)
@@ -159,22 +139,8 @@ class GltfData:
     def vectors(self, index: Any, count: int, width: int, what: str) -> NDArray:
         """Read an accessor of vectors.
 
-        Parameters
-        ----------
-        index : int
-        count, width : int
-            The shape that it must have.
-        what : str
-            What it is of, for messages.
-
-        Returns
-        -------
-        ndarray of float32, (count, width)
-
-        Raises
-        ------
-        InputError
-            For another shape, and unless it is finite.
+        count, width: the shape that it must have. what: what it is of, for messages. Returns (count, width) float32.
+        Raises InputError for another shape, and unless it is finite.
         """
         values = self.array(index, what)
         if values.shape != (count, width):
@@ -228,19 +194,8 @@ class GltfData:
     def encoded(self, image: Any) -> bytes:
         """Return the bytes of a picture, packed as in its file.
 
-        Parameters
-        ----------
-        image : Record
-            An entry of `document.images`, or what names a `bufferView` alone.
-
-        Returns
-        -------
-        bytes
-
-        Raises
-        ------
-        InputError
-            Where its file is missing.
+        image: an entry of `document.images`, or what names a `bufferView` alone. Raises InputError where its file is
+        missing.
         """
         if image.uri is None:
             length = entry(self.document.bufferViews, image.bufferView).byteLength
@@ -251,15 +206,7 @@ class GltfData:
 def triangles(indices: NDArray, mode: int) -> NDArray[np.int32]:
     """Return the triangles of a list, a strip or a fan.
 
-    Parameters
-    ----------
-    indices : ndarray of integers, (N,)
-    mode : int
-        One of `MODES`.
-
-    Returns
-    -------
-    ndarray of int32, (F, 3)
+    indices: (N,) integers. mode: one of `MODES`. Returns (F, 3) int32.
     """
     if mode == TRIANGLES:
         faces = indices[: len(indices) // 3 * 3].reshape(-1, 3)
@@ -276,19 +223,7 @@ def triangles(indices: NDArray, mode: int) -> NDArray[np.int32]:
 def entry(entries: Any, index: Any) -> Any:
     """Return one of a list, by a number that a file gives: a negative one would count from the end.
 
-    Parameters
-    ----------
-    entries : list
-    index : object
-
-    Returns
-    -------
-    object
-
-    Raises
-    ------
-    IndexError
-        For what is no number of one that is there.
+    Raises IndexError for what is no number of one that is there.
     """
     if not isinstance(index, int) or isinstance(index, bool) or not 0 <= index < len(entries):
         raise IndexError(f"it names entry {index} of {len(entries)}")
@@ -306,13 +241,7 @@ def _inline(uri: str) -> bytes:
 def warn_skipped(path: str | Path, count: int, what: str) -> None:
     """Give one DataWarning for parts of a file that are left out.
 
-    Parameters
-    ----------
-    path : path
-    count : int
-        0 gives none.
-    what : str
-        What they are.
+    count: 0 gives none. what: what they are.
     """
     if count:
         warnings.warn(f"{path}: skipped {count} {what}", DataWarning, stacklevel=3)

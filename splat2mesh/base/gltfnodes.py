@@ -12,10 +12,7 @@ _INSTANCE = {"TRANSLATION": (0.0, 0.0, 0.0), "ROTATION": (0.0, 0.0, 0.0, 1.0), "
 def initial_transforms(data: GltfData) -> list[dict]:
     """Find the transform of every node before any animation.
 
-    Returns
-    -------
-    list of dict of str to ndarray of float64
-        translation, rotation (x y z w) and scale, or matrix.
+    Returns translation, rotation (x y z w) and scale, or matrix.
     """
     transforms = []
     for node in data.document.nodes or []:
@@ -35,15 +32,8 @@ def initial_transforms(data: GltfData) -> list[dict]:
 def instances(data: GltfData, index: int) -> NDArray:
     """Find the copies of a node's mesh that EXT_mesh_gpu_instancing places.
 
-    Returns
-    -------
-    ndarray of float64, (I, 4, 4)
-        node_from_copy; the identity alone without the extension.
-
-    Raises
-    ------
-    InputError
-        For arrays of other shapes, and for more than `MOST_NODES` copies.
+    Returns (I, 4, 4) float64: node_from_copy; the identity alone without the extension. Raises InputError for arrays of
+    other shapes, and for more than `MOST_NODES` copies.
     """
     extension = (data.document.nodes[index].extensions or {}).get(INSTANCING) or {}
     named, what = extension.get("attributes") or {}, f"the copies of node {index}"
@@ -65,19 +55,8 @@ def instances(data: GltfData, index: int) -> NDArray:
 def hierarchy(data: GltfData) -> tuple[list[int], NDArray, NDArray]:
     """Find the hierarchy of nodes.
 
-    Returns
-    -------
-    order : list of int
-        All nodes, parents first.
-    parent : ndarray of integers
-        Of every node, -1 without one.
-    shown : ndarray of bool
-        Whether each is in the shown scene.
-
-    Raises
-    ------
-    InputError
-        Where they do not form trees.
+    Returns order: all nodes, parents first; parent: integers, of every node, -1 without one; shown: bool, whether each
+    is in the shown scene. Raises InputError where they do not form trees.
     """
     nodes = data.document.nodes or []
     parent = np.full(len(nodes), -1)
@@ -103,17 +82,8 @@ def hierarchy(data: GltfData) -> tuple[list[int], NDArray, NDArray]:
 def global_matrices(transforms: list[dict], order: list[int], parent: NDArray) -> NDArray:
     """Return the world-from-node matrices, also of joints outside the shown scene.
 
-    Parameters
-    ----------
-    transforms : list of dict
-        As `initial_transforms` returns them.
-    order : list of int
-        Parents first.
-    parent : ndarray of integers, (nodes,)
-
-    Returns
-    -------
-    ndarray of float64, (nodes, 4, 4)
+    transforms: as `initial_transforms` returns them. order: parents first. parent: (nodes,) integers. Returns (nodes,
+    4, 4) float64.
     """
     result = np.zeros((len(transforms), 4, 4))
     for index in order:
@@ -126,16 +96,7 @@ def global_matrices(transforms: list[dict], order: list[int], parent: NDArray) -
 def matrix_from_trs(translation: NDArray, quat_xyzw: NDArray, scale: NDArray) -> NDArray:
     """Return the matrix that scales, then rotates, then moves.
 
-    Parameters
-    ----------
-    translation : ndarray, (3,)
-    quat_xyzw : ndarray, (4,)
-        Of any length.
-    scale : ndarray, (3,)
-
-    Returns
-    -------
-    ndarray of float64, (4, 4)
+    translation: (3,). quat_xyzw: (4,), of any length. scale: (3,). Returns (4, 4) float64.
     """
     x, y, z, w = np.asarray(quat_xyzw, np.float64) / max(float(np.linalg.norm(quat_xyzw)), 1e-300)
     # fmt: off

@@ -27,14 +27,7 @@ class Busy(Exception):
 def workspace_of(path: Path) -> Path:
     """Return the temporary path of an output: beside it, so that a rename is one step.
 
-    Parameters
-    ----------
-    path : Path
-        Of the output.
-
-    Returns
-    -------
-    Path
+    path: of the output.
     """
     stem = path.name
     if len(os.fsencode(stem)) > _LONGEST_STEM:
@@ -45,26 +38,8 @@ def workspace_of(path: Path) -> Path:
 def claim(workspace: Path) -> int:
     """Make the folder and lock it, empty.
 
-    Parameters
-    ----------
-    workspace : Path
-
-    Returns
-    -------
-    int
-        The lock, for `release`.
-
-    Raises
-    ------
-    Busy
-        Where another run holds it.
-    InputError
-        Where something else has its name.
-
-    Warns
-    -----
-    DataWarning
-        About leftovers of a killed run, which are restored or removed first.
+    Returns the lock, for `release`. Raises Busy where another run holds it. Raises InputError where something else has
+    its name. Warns with a DataWarning about leftovers of a killed run, which are restored or removed first.
     """
     while True:
         try:
@@ -93,11 +68,7 @@ def claim(workspace: Path) -> int:
 def release(workspace: Path, lock: int) -> None:
     """Remove the folder, its content and its lock. A previous output that could not be restored stays in it.
 
-    Parameters
-    ----------
-    workspace : Path
-    lock : int
-        As `claim` returned it.
+    lock: as `claim` returned it.
     """
     try:
         if not os.path.lexists(workspace / OLD) or _settled(workspace):
@@ -109,14 +80,7 @@ def release(workspace: Path, lock: int) -> None:
 def sweep(folder: Path) -> None:
     """Restore or remove what killed runs left in a folder, except folders that other runs hold.
 
-    Parameters
-    ----------
-    folder : Path
-
-    Warns
-    -----
-    DataWarning
-        One for each.
+    Warns with a DataWarning: one for each.
     """
     try:
         with os.scandir(folder) as entries:

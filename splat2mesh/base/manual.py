@@ -10,12 +10,7 @@ SHELLS = ("bash", "zsh", "fish")
 
 
 def add_manuals(parser: argparse.ArgumentParser) -> None:
-    """Give a parser `--completion SHELL` and `--man`, which print and end.
-
-    Parameters
-    ----------
-    parser : argparse.ArgumentParser
-    """
+    """Give a parser `--completion SHELL` and `--man`, which print and end."""
     completion = f"print a completion script for a shell: {', '.join(SHELLS)}"
     parser.add_argument("--completion", action=_Printed, choices=SHELLS, metavar="SHELL", help=completion)
     parser.add_argument("--man", action=_Printed, nargs=0, help="print the manual page; `man -l -` shows it")
@@ -24,11 +19,7 @@ def add_manuals(parser: argparse.ArgumentParser) -> None:
 def offer(parser: argparse.ArgumentParser, words: Mapping[str, Iterable[str]]) -> None:
     """Name words that completions offer as values of options; other values stay allowed.
 
-    Parameters
-    ----------
-    parser : argparse.ArgumentParser
-    words : mapping of str to iterable of str
-        By option, such as "--detail".
+    words: by option, such as "--detail".
     """
     for action in parser._actions:
         for option in {*action.option_strings} & {*words}:
@@ -55,17 +46,8 @@ def completion(parser: argparse.ArgumentParser, shell: str) -> str:
 
     Bash offers files where no word fits. The other shells offer words alone, or files alone for options that take some.
 
-    Parameters
-    ----------
-    parser : argparse.ArgumentParser
-        Of the command, whose `prog` is the name that is completed.
-    shell : str
-        One of `SHELLS`.
-
-    Returns
-    -------
-    str
-        The script, for the shell to source.
+    parser: of the command, whose `prog` is the name that is completed. shell: one of `SHELLS`. Returns the script, for
+    the shell to source.
     """
     import shtab
 
@@ -90,15 +72,7 @@ def manual(parser: argparse.ArgumentParser) -> str:
     argparse-manpage makes one too, but leaves a line that begins with a full stop, such as ".exr or .hdr file", to be
     obeyed by troff, which drops it, and writes the day into it (`docs/decisions.md`).
 
-    Parameters
-    ----------
-    parser : argparse.ArgumentParser
-        Of the command.
-
-    Returns
-    -------
-    str
-        The page; the same parser gives the same text.
+    parser: of the command. Returns the page; the same parser gives the same text.
     """
     name = parser.prog
     usage = parser.format_usage().removeprefix("usage: ").strip()

@@ -23,11 +23,8 @@ class _Absent(ModuleType):
 def open3d() -> ModuleType:
     """Import open3d.
 
-    Returns
-    -------
-    module
-        A command never shows a page, so its process does not import the packages that draw pages. Neither does a
-        library process if they are not installed.
+    A command never shows a page, so its process does not import the packages that draw pages. Neither does a
+    library process if they are not installed.
     """
     if "open3d" not in sys.modules:
         own = owns_process()

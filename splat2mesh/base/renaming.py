@@ -16,14 +16,7 @@ _UNABLE = (errno.EINVAL, errno.ENOSYS, errno.ENOTSUP, errno.EPERM)
 def rename_new(source: Path, target: Path) -> None:
     """Rename to a path that does not exist.
 
-    Parameters
-    ----------
-    source, target : Path
-
-    Raises
-    ------
-    FileExistsError
-        If it exists; both stay unchanged.
+    Raises FileExistsError if it exists; both stay unchanged.
     """
     if not _renameat2(source, target, _NOREPLACE):
         if os.path.lexists(target):
@@ -34,14 +27,7 @@ def rename_new(source: Path, target: Path) -> None:
 def exchange(source: Path, target: Path) -> bool:
     """Swap two existing paths in one step.
 
-    Parameters
-    ----------
-    source, target : Path
-
-    Returns
-    -------
-    bool
-        False, with both as they are, where the system cannot.
+    False, with both as they are, where the system cannot.
     """
     return _renameat2(source, target, _EXCHANGE)
 

@@ -15,24 +15,8 @@ SEAM_ALLOWANCE = 1.03
 def split(mesh: Mesh, max_vertices: int = DEFAULT_MAX_VERTICES) -> list[Mesh]:
     """Cut a mesh into chunks that stay below a number of vertices.
 
-    Parameters
-    ----------
-    mesh : Mesh
-    max_vertices : int
-        Of a chunk.
+    max_vertices: of a chunk. Vertices without a face are left out. Raises InputError for a limit below 3.
 
-    Returns
-    -------
-    list of Mesh
-        Vertices without a face are left out.
-
-    Raises
-    ------
-    InputError
-        For a limit below 3.
-
-    Notes
-    -----
     Faces are bisected by their centroids along the longest axis until every part fits, so chunks are compact in space,
     of similar size and few. A vertex on a seam is copied, attributes and all, into each chunk that uses it: normals are
     equal on both sides.

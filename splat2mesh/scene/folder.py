@@ -64,21 +64,8 @@ TEXTURED = "mesh.glb"
 def read_folder(path: Path) -> tuple[list[Mesh], list[Mesh], dict[str, Any]]:
     """Read a scene folder.
 
-    Parameters
-    ----------
-    path : Path
-
-    Returns
-    -------
-    chunks : list of Mesh
-    background : list of Mesh
-    fields : dict
-        The other fields of the Scene.
-
-    Raises
-    ------
-    InputError
-        Where anything is broken, or differs from its checksum, and for a newer schema version.
+    Returns chunks; background; fields: the other fields of the Scene. Raises InputError where anything is broken, or
+    differs from its checksum, and for a newer schema version.
     """
     entries, fields, sums = _read_meta(path / META)
     kinds: dict[str, list[Mesh]] = {"chunks": [], "background": [], "cards": [], HULL: []}
@@ -109,17 +96,8 @@ def read_folder(path: Path) -> tuple[list[Mesh], list[Mesh], dict[str, Any]]:
 def write_folder(scene: Any, path: str | os.PathLike[str], overwrite: bool = False) -> None:
     """Write a scene folder; it appears complete or not at all.
 
-    Parameters
-    ----------
-    scene : Scene
-    path : path
-    overwrite : bool
-        Whether a scene folder that is there may be replaced.
-
-    Raises
-    ------
-    InputError
-        When `path` exists, unless it is a scene folder and may be overwritten.
+    overwrite: whether a scene folder that is there may be replaced. Raises InputError when `path` exists, unless it is
+    a scene folder and may be overwritten.
     """
     check_output(path, overwrite, META)
     with staged_folder(path, overwrite, META) as folder:
@@ -211,16 +189,7 @@ def _relative(file: str, folder: str | os.PathLike[str]) -> str:
 def absolute(file: str | os.PathLike[str], folder: str | os.PathLike[str] = ".") -> str:
     """Return a path from a folder as text, absolute.
 
-    Parameters
-    ----------
-    file : path
-    folder : path
-        Where a relative path starts.
-
-    Returns
-    -------
-    str
-        Links among its folders are followed, that of the file itself is not.
+    folder: where a relative path starts. Links among its folders are followed, that of the file itself is not.
     """
     whole = Path(os.path.realpath(folder), file)
     return os.path.normpath(Path(os.path.realpath(whole.parent), whole.name))
@@ -241,19 +210,7 @@ def _check_camera(camera: Any, bounds: Any) -> None:
 def sha256_of(path: Path) -> str:
     """Return the SHA-256 of a regular file.
 
-    Parameters
-    ----------
-    path : Path
-
-    Returns
-    -------
-    str
-        Hexadecimal.
-
-    Raises
-    ------
-    InputError
-        For what is no regular file.
+    Hexadecimal. Raises InputError for what is no regular file.
     """
     file_size(path, "file of a scene")
     with open(path, "rb") as file:
@@ -296,10 +253,11 @@ def _changed(path: Path) -> InputError:
     return InputError(f"{path}: damaged or changed since it was written (its SHA-256 differs): {advice}")
 
 
-def _read_meta(path: Path) -> tuple[list[Any], dict[str, Any], dict[Path, str]]:
-    """Of scene.json: [file, kind, vertices, faces] of each chunk, the Scene's other fields, and the SHA-256 of files.
+_REQUIRED = ("chunks", "scene_from_splat", "preview_camera", "source", "settings", "statistics")
 
-    Kinds are chunks, background, cards and hull."""
+
+def _checked_meta(path: Path) -> dict[str, Any]:
+    """The content of a scene.json of this schema, with all entries that every scene has."""
     if not path.is_file():
         raise InputError(f"{path.parent}: not a scene folder (it has no {META}); make one with splat2mesh")
     try:
@@ -313,10 +271,17 @@ def _read_meta(path: Path) -> tuple[list[Any], dict[str, Any], dict[Path, str]]:
         raise InputError(f"{path}: has no schema_version, so it is not a scene of this tool")
     if version > SCHEMA_VERSION:
         raise InputError(f"{path}: schema version {version}, this tool reads up to {SCHEMA_VERSION}; update the tool")
-    required = ("chunks", "scene_from_splat", "preview_camera", "source", "settings", "statistics")
-    missing = [name for name in required if name not in meta]
+    missing = [name for name in _REQUIRED if name not in meta]
     if missing or not meta["chunks"]:
         raise InputError(f"{path}: lacks {', '.join(missing) or 'chunks'}; convert the splat again")
+    return meta
+
+
+def _read_meta(path: Path) -> tuple[list[Any], dict[str, Any], dict[Path, str]]:
+    """Of scene.json: [file, kind, vertices, faces] of each chunk, the Scene's other fields, and the SHA-256 of files.
+
+    Kinds are chunks, background, cards and hull."""
+    meta = _checked_meta(path)
     try:
         listed = [(entry, "chunks") for entry in meta["chunks"]] + [(entry, HULL) for entry in meta.get(HULL, [])]
         entries: list[Any] = []
@@ -333,7 +298,7 @@ def _read_meta(path: Path) -> tuple[list[Any], dict[str, Any], dict[Path, str]]:
         total = len(hull) + sum(kind == "chunks" for _, kind, *_ in entries)
         if list(hull) != sorted(set(hull)) or (hull and not 0 <= hull[0] <= hull[-1] < total):
             raise ValueError(f"hull chunks {hull} of {total}")
-        fields = {HULL: hull, "capture": dict(meta.get("capture", {})), **{name: meta[name] for name in required[2:]}}
+        fields = {HULL: hull, "capture": dict(meta.get("capture", {})), **{name: meta[name] for name in _REQUIRED[2:]}}
         fields["source"] = _with_paths(meta["source"], lambda file: absolute(file, path.parent))
         fields["scene_from_splat"] = np.array(meta["scene_from_splat"], np.float64).reshape(4, 4)
         if not np.isfinite(fields["scene_from_splat"]).all():

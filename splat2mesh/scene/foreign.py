@@ -32,27 +32,12 @@ COLOR_ARRAYS = ("colors", "Colors", "RGB", "RGBA", "rgb", "rgba")
 def as_scene(source: AnyScene) -> Scene:
     """Make a Scene of whatever holds one.
 
-    Parameters
-    ----------
-    source : Scene, path, Mesh, or a mesh of trimesh, open3d (legacy or tensor) or PyVista
-        A Scene is returned as it is. A path is of a scene folder or mesh file.
-
-    Returns
-    -------
-    Scene
-        A mesh becomes a scene of one chunk, its vertices in their own order; polygons become triangles, missing normals
-        are computed, missing colours are white; colours are taken as sRGB.
-
-    Raises
-    ------
-    InputError
-        For anything else and for meshes that cannot be lit.
-
-    Warns
-    -----
-    DataWarning
-        About a mesh that was moved to the origin, where float32 would lose it, with what it has lost already; about
-        colours that are not read.
+    source: Scene, path, Mesh, or a mesh of trimesh, open3d (legacy or tensor) or PyVista, a Scene is returned as it is.
+    A path is of a scene folder or mesh file. Returns Scene: a mesh becomes a scene of one chunk, its vertices in their
+    own order; polygons become triangles, missing normals are computed, missing colours are white; colours are taken as
+    sRGB. Raises InputError for anything else and for meshes that cannot be lit. Warns with a DataWarning about a mesh
+    that was moved to the origin, where float32 would lose it, with what it has lost already; about colours that are not
+    read.
     """
     if isinstance(source, Scene):
         return source

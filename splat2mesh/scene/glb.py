@@ -22,10 +22,7 @@ _LARGEST_SHORT_INDEX = 65534  # 65535 restarts a primitive in OpenGL, so glTF fo
 class Glb:
     """A document and its one buffer.
 
-    Attributes
-    ----------
-    document : pygltflib.GLTF2
-        Holds whatever else a file needs; arrays and nodes are added here.
+    document: holds whatever else a file needs; arrays and nodes are added here.
     """
 
     def __init__(self, generator: str = "splat2mesh", **document: Any) -> None:
@@ -38,19 +35,8 @@ class Glb:
     def values(self, array: NDArray, target: int = _ATTRIBUTES, **more: Any) -> int:
         """Append an array.
 
-        Parameters
-        ----------
-        array : ndarray of float32, uint32, uint16 or int16
-            (N,), (N, 2), (N, 3) or (N, 4). pygltflib aligns arrays to 4 bytes on saving.
-        target : int
-            Of the buffer view.
-        **more
-            Fields of `pygltflib.Accessor`.
-
-        Returns
-        -------
-        int
-            Index of its accessor.
+        array: (N,), (N, 2), (N, 3) or (N, 4). pygltflib aligns arrays to 4 bytes on saving. target: of the buffer view.
+        **more: fields of `pygltflib.Accessor`. Returns the index of its accessor.
         """
         import pygltflib as gltf
 
@@ -66,14 +52,7 @@ class Glb:
     def positions(self, points: NDArray) -> int:
         """Append points with the bounds that glTF asks for.
 
-        Parameters
-        ----------
-        points : ndarray, (N, 3)
-
-        Returns
-        -------
-        int
-            Index of its accessor.
+        points: (N, 3). Returns the index of its accessor.
         """
         points = np.asarray(points, np.float32)
         return self.values(points, min=points.min(axis=0).tolist(), max=points.max(axis=0).tolist())
@@ -81,15 +60,7 @@ class Glb:
     def indices(self, faces: NDArray, vertex_count: int) -> int:
         """Append faces, in 16 bits where those suffice.
 
-        Parameters
-        ----------
-        faces : ndarray of integers, (F, 3)
-        vertex_count : int
-
-        Returns
-        -------
-        int
-            Index of its accessor.
+        faces: (F, 3) integers. Returns the index of its accessor.
         """
         if vertex_count - 1 > _LARGEST_SHORT_INDEX:
             return self.triangles(faces)
@@ -98,30 +69,14 @@ class Glb:
     def triangles(self, faces: NDArray) -> int:
         """Append faces in 32 bits, which every loader reads.
 
-        Parameters
-        ----------
-        faces : ndarray of integers, (F, 3)
-
-        Returns
-        -------
-        int
-            Index of its accessor.
+        faces: (F, 3) integers. Returns the index of its accessor.
         """
         return self.values(faces.ravel().astype(np.uint32), _INDICES)
 
     def data(self, content: bytes, **more: Any) -> int:
         """Append bytes.
 
-        Parameters
-        ----------
-        content : bytes
-        **more
-            Fields of `pygltflib.BufferView`.
-
-        Returns
-        -------
-        int
-            Index of their buffer view.
+        **more: fields of `pygltflib.BufferView`. Returns the index of their buffer view.
         """
         import pygltflib as gltf
 
@@ -133,14 +88,8 @@ class Glb:
     def mesh(self, name: str, attributes: dict[str, int], **primitive: Any) -> None:
         """Add a mesh of one primitive and the node that shows it.
 
-        Parameters
-        ----------
-        name : str
-            Of both.
-        attributes : dict of str to int
-            Name to accessor.
-        **primitive
-            Fields of `pygltflib.Primitive`; triangles, where they name no mode.
+        name: of both. attributes: name to accessor. **primitive: fields of `pygltflib.Primitive`; triangles, where they
+        name no mode.
         """
         import pygltflib as gltf
 
@@ -153,14 +102,7 @@ class Glb:
     def content(self, extras: dict | None = None) -> bytes:
         """Return the whole file, whose one scene shows all nodes.
 
-        Parameters
-        ----------
-        extras : dict or None
-            JSON values of that scene.
-
-        Returns
-        -------
-        bytes
+        extras: JSON values of that scene.
         """
         import pygltflib as gltf
 
@@ -173,11 +115,7 @@ class Glb:
     def save(self, path: str | os.PathLike[str], extras: dict | None = None) -> None:
         """Write the file, complete or not at all.
 
-        Parameters
-        ----------
-        path : path
-        extras : dict or None
-            As for `content`.
+        extras: as for `content`.
         """
         content = self.content(extras)
         with staged_file(path) as staging:
@@ -185,12 +123,7 @@ class Glb:
 
 
 def matt_white() -> Any:
-    """Return a material of white without gloss, seen from both sides, which COLOR_0 is multiplied with.
-
-    Returns
-    -------
-    pygltflib.Material
-    """
+    """Return a material of white without gloss, seen from both sides, which COLOR_0 is multiplied with."""
     import pygltflib as gltf
 
     surface = gltf.PbrMetallicRoughness(baseColorFactor=[1.0] * 4, metallicFactor=0.0, roughnessFactor=1.0)

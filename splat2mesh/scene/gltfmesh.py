@@ -35,25 +35,9 @@ class Piece(NamedTuple):
 def read_gltf(path: str | os.PathLike[str], painted: bool = True) -> UncheckedMesh:
     """Read the triangles of a .glb or .gltf at rest.
 
-    Parameters
-    ----------
-    path : path
-    painted : bool
-        Whether vertices take the base colours of materials, beside their own.
-
-    Returns
-    -------
-    UncheckedMesh
-
-    Raises
-    ------
-    InputError
-        For a file that is broken or packed, or that holds no triangles.
-
-    Warns
-    -----
-    DataWarning
-        With the number of points and lines, which are left out, and of textures that cannot be read.
+    painted: whether vertices take the base colours of materials, beside their own. Raises InputError for a file that is
+    broken or packed, or that holds no triangles. Warns with a DataWarning with the number of points and lines, which
+    are left out, and of textures that cannot be read.
     """
     data = GltfData(os.fspath(path))
     textures = Textures(data) if painted else None

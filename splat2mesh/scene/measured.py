@@ -29,14 +29,9 @@ THICKET = 0.4
 class CapturedSky(NamedTuple):
     """A lat-long picture of a captured sky, scene frame, laid out as environments are: row 0 is +y.
 
-    Attributes
-    ----------
-    radiance : ndarray of float32, (H, W, 3)
-        Linear, unit of the captured colours: mean over the part of a texel that binds.
-    bound : ndarray of float32, (H, W, 3)
-        The part of a texel that was seen and not clipped, by colour.
-    clipped : ndarray of float32, (H, W, 3)
-        The part that was seen and clipped: at least 1 came from there.
+    radiance: (H, W, 3) float32, linear, unit of the captured colours: mean over the part of a texel that binds. bound:
+    (H, W, 3) float32, the part of a texel that was seen and not clipped, by colour. clipped: (H, W, 3) float32, the
+    part that was seen and clipped: at least 1 came from there.
     """
 
     radiance: np.ndarray
@@ -60,15 +55,9 @@ class CapturedSky(NamedTuple):
 class Measured(NamedTuple):
     """Measurements on the splats of a scene.
 
-    Attributes
-    ----------
-    sky : CapturedSky or None
-    splat_volume : ndarray of float32, (S,)
-        In [0, 1], volume share of each row of the source (foliage, grass, hair), 0 where it was not measured.
-    vertex_volume : ndarray of float32, (V,)
-        The same for the vertices of the scene, chunk after chunk.
-    depth : OpticalDepth or None
-        Of a scene with foliage.
+    splat_volume: (S,) float32, in [0, 1], volume share of each row of the source (foliage, grass, hair), 0 where it was
+    not measured. vertex_volume: (V,) float32, the same for the vertices of the scene, chunk after chunk. depth: of a
+    scene with foliage.
     """
 
     sky: CapturedSky | None
@@ -84,12 +73,7 @@ class Measured(NamedTuple):
         return self.vertex_volume if self.sky is not None or thicket else np.zeros_like(self.vertex_volume)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write it as one file; the same contents give the same bytes.
-
-        Parameters
-        ----------
-        path : path
-        """
+        """Write it as one file; the same contents give the same bytes."""
         arrays: dict[str, Any] = {
             "splat_volume": _bytes(self.splat_volume),
             "vertex_volume": _bytes(self.vertex_volume),
@@ -105,10 +89,7 @@ class Measured(NamedTuple):
     def described(self) -> dict[str, Any]:
         """Return its entry in scene.json.
 
-        Returns
-        -------
-        dict
-            The file and the figures of what is in it.
+        Returns the file and the figures of what is in it.
         """
         found: dict[str, Any] = {"file": FILE, "sky": None}
         found["volume_share"] = round(float(self.vertex_volume.mean()), 4) if len(self.vertex_volume) else 0.0
@@ -121,20 +102,7 @@ class Measured(NamedTuple):
     def load(cls, path: str | os.PathLike[str], vertices: int) -> "Measured":
         """Read what `save` wrote.
 
-        Parameters
-        ----------
-        path : path
-        vertices : int
-            Of the scene.
-
-        Returns
-        -------
-        Measured
-
-        Raises
-        ------
-        InputError
-            For a file that is damaged, or of another number of vertices.
+        vertices: of the scene. Raises InputError for a file that is damaged, or of another number of vertices.
         """
         try:
             arrays = load_arrays(path, LARGEST)

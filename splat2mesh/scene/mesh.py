@@ -15,14 +15,8 @@ DEGENERATE_LENGTH = 1e-6
 class Mesh:
     """A triangle mesh with one normal and one colour per vertex.
 
-    Attributes
-    ----------
-    vertices : ndarray of float32, (V, 3)
-    normals : ndarray of float32, (V, 3)
-        Unit, or zero where undefined.
-    faces : ndarray of int32, (F, 3)
-        Counter-clockwise seen from outside.
-    colors_srgb : ndarray of uint8, (V, 3)
+    vertices: (V, 3) float32. normals: (V, 3) float32, unit, or zero where undefined. faces: (F, 3) int32,
+    counter-clockwise seen from outside. colors_srgb: (V, 3) uint8.
     """
 
     vertices: NDArray[np.float32]
@@ -34,16 +28,8 @@ class Mesh:
 def vertex_normals(points: ArrayLike, faces: ArrayLike) -> NDArray[np.float32]:
     """Compute normals as open3d takes them: the mean of the normals of the faces around.
 
-    Parameters
-    ----------
-    points : array-like, (V, 3)
-    faces : array-like of integers, (F, 3)
-
-    Returns
-    -------
-    ndarray of float32, (V, 3)
-        Unit. Where those of the faces cancel, as on the edge of a sheet of two sides, that of the largest face; +y
-        without any.
+    points: (V, 3). faces: (F, 3) integers. Returns (V, 3) float32: unit. Where those of the faces cancel, as on the
+    edge of a sheet of two sides, that of the largest face; +y without any.
     """
     o3d = open3d()
 
@@ -60,13 +46,7 @@ def vertex_normals(points: ArrayLike, faces: ArrayLike) -> NDArray[np.float32]:
 def without_direction(normals: NDArray) -> NDArray[np.bool_]:
     """Return which normals are missing: too short for a direction, or not finite.
 
-    Parameters
-    ----------
-    normals : ndarray, (V, 3)
-
-    Returns
-    -------
-    ndarray of bool, (V,)
+    normals: (V, 3). Returns (V,) bool.
     """
     with np.errstate(invalid="ignore", over="ignore"):
         length = np.linalg.norm(np.asarray(normals, np.float64), axis=1)
@@ -76,14 +56,7 @@ def without_direction(normals: NDArray) -> NDArray[np.bool_]:
 def known_normals(mesh: Mesh) -> NDArray[np.float32]:
     """Return the normals of a Mesh; those that are missing from the faces around.
 
-    Parameters
-    ----------
-    mesh : Mesh
-
-    Returns
-    -------
-    ndarray, (V, 3)
-        Still missing at vertices without faces; as they are where the arrays make no mesh.
+    Returns (V, 3): still missing at vertices without faces; as they are where the arrays make no mesh.
     """
     normals, faces, count = np.asarray(mesh.normals), np.asarray(mesh.faces), len(mesh.vertices)
     if normals.shape != (count, 3) or not len(faces) or faces.min() < 0 or faces.max() >= count:

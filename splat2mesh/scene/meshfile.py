@@ -46,31 +46,12 @@ LOOKED_AT, INVERTED = 4096, 0.9
 def read_mesh(path: str | os.PathLike[str], in_place: bool = False, painted: bool = True) -> Mesh:
     """Read a mesh file; polygons become triangle fans, missing normals are computed, missing colours are white.
 
-    Parameters
-    ----------
-    path : path
-        Ends in one of `READABLE_SUFFIXES`.
-    in_place : bool
-        Whether it is a part of something and must not be moved, however small and far from the origin it is.
-    painted : bool
-        Whether vertices take the colours of materials: their factor times their picture at the vertex.
-
-    Returns
-    -------
-    Mesh
-        Vertices stand in the order of the file, for OBJ, STL and glTF in that of their first use by faces, those that
-        hold the same joined (see the readers).
-
-    Raises
-    ------
-    InputError
-        For a file that is missing, of another kind, broken, or without triangles.
-
-    Warns
-    -----
-    DataWarning
-        About what is left out, pictures that cannot be read, and about a mesh that was moved to the origin because
-        float32 would lose it where it is.
+    path: ends in one of `READABLE_SUFFIXES`. in_place: whether it is a part of something and must not be moved, however
+    small and far from the origin it is. painted: whether vertices take the colours of materials: their factor times
+    their picture at the vertex. Returns Mesh: vertices stand in the order of the file, for OBJ, STL and glTF in that of
+    their first use by faces, those that hold the same joined (see the readers). Raises InputError for a file that is
+    missing, of another kind, broken, or without triangles. Warns with a DataWarning about what is left out, pictures
+    that cannot be read, and about a mesh that was moved to the origin because float32 would lose it where it is.
     """
     return read_placed(path, in_place, painted)[0]
 
@@ -80,15 +61,7 @@ def read_placed(
 ) -> tuple[Mesh, NDArray[np.float64] | None]:
     """Read a mesh file as `read_mesh` does; also what was taken off its points to bring them to the origin.
 
-    Parameters
-    ----------
-    path, in_place, painted
-        As of `read_mesh`.
-
-    Returns
-    -------
-    mesh : Mesh
-    moved : ndarray of float64, (3,), or None
+    path, in_place, painted: as of `read_mesh`. Returns mesh; moved: (3,) float64, or None.
     """
     path = Path(path)
     if not os.path.lexists(path) or path.is_dir():
@@ -108,25 +81,8 @@ def read_placed(
 def checked_mesh(surface: UncheckedMesh, path: str | os.PathLike[str]) -> Mesh:
     """Check all of a mesh.
 
-    Parameters
-    ----------
-    surface : UncheckedMesh
-    path : path
-        Of its file, for messages.
-
-    Returns
-    -------
-    Mesh
-
-    Raises
-    ------
-    InputError
-        For what cannot be lit.
-
-    Warns
-    -----
-    DataWarning
-        As `read_mesh` does.
+    path: of its file, for messages. Raises InputError for what cannot be lit. Warns with a DataWarning as `read_mesh`
+    does.
     """
     points, faces, normals, colors, moved = surface
     if len(faces) == 0:
@@ -193,13 +149,7 @@ def _color_bytes(colors: NDArray | None, count: int) -> NDArray[np.uint8]:
 
 
 def write_mesh_ply(path: str | os.PathLike[str], mesh: Mesh) -> None:
-    """Write a Mesh as binary PLY: float position, float normal, uchar sRGB colour.
-
-    Parameters
-    ----------
-    path : path
-    mesh : Mesh
-    """
+    """Write a Mesh as binary PLY: float position, float normal, uchar sRGB colour."""
     with open(path, "wb") as file:
         file.write(mesh_ply_bytes(mesh))
 
@@ -211,18 +161,7 @@ _FACE = [("count", "u1"), ("indices", "<i4", 3)]
 def mesh_from_ply_bytes(data: bytes) -> Mesh:
     """Return the Mesh of the bytes that `mesh_ply_bytes` made, bit by bit.
 
-    Parameters
-    ----------
-    data : bytes
-
-    Returns
-    -------
-    Mesh
-
-    Raises
-    ------
-    InputError
-        For others.
+    Raises InputError for others.
     """
     header, mark, body = data.partition(b"end_header\n")
     words = header.split()
@@ -238,16 +177,7 @@ def mesh_from_ply_bytes(data: bytes) -> Mesh:
 
 
 def mesh_ply_bytes(mesh: Mesh) -> bytes:
-    """Return the PLY that `write_mesh_ply` writes.
-
-    Parameters
-    ----------
-    mesh : Mesh
-
-    Returns
-    -------
-    bytes
-    """
+    """Return the PLY that `write_mesh_ply` writes."""
     vertex = np.zeros(len(mesh.vertices), _VERTEX)
     vertex["position"], vertex["normal"], vertex["color"] = mesh.vertices, mesh.normals, mesh.colors_srgb
     face = np.zeros(len(mesh.faces), _FACE)

@@ -18,25 +18,8 @@ from .surfaces import UncheckedMesh, centred, fans, joined
 def read_obj(path: str | os.PathLike[str], painted: bool = True) -> UncheckedMesh:
     """Read an OBJ.
 
-    Parameters
-    ----------
-    path : path
-    painted : bool
-        Whether vertices without colours take those of materials.
-
-    Returns
-    -------
-    UncheckedMesh
-
-    Raises
-    ------
-    InputError
-        For a line that makes no sense and for a corner that names nothing.
-
-    Warns
-    -----
-    DataWarning
-        About materials and pictures that cannot be read.
+    painted: whether vertices without colours take those of materials. Raises InputError for a line that makes no sense
+    and for a corner that names nothing. Warns with a DataWarning about materials and pictures that cannot be read.
     """
     path = Path(path)
     parsed = _Parsed(path)
@@ -264,18 +247,7 @@ def _padded(rows: NDArray[np.float64]) -> NDArray[np.float64]:
 def read_off(path: str | os.PathLike[str]) -> UncheckedMesh:
     """Read an OFF file, also with colours (COFF) or normals (NOFF, CNOFF), row by row.
 
-    Parameters
-    ----------
-    path : path
-
-    Returns
-    -------
-    UncheckedMesh
-
-    Raises
-    ------
-    InputError
-        For a file that is none, or cut short.
+    Raises InputError for a file that is none, or cut short.
     """
     with open(path, encoding="latin-1") as file:
         lines = (line.partition("#")[0].split() for line in file)

@@ -13,17 +13,8 @@ MOST = 8.0
 class OpticalDepth(NamedTuple):
     """Nested grids, innermost first, in the scene frame. L levels.
 
-    Attributes
-    ----------
-    origins : ndarray of float64, (L, 3)
-        Lowest corners.
-    cells : ndarray of float64, (L,)
-        Side of a cell.
-    shapes : ndarray of int64, (L, 3)
-    starts : ndarray of int64, (L,)
-        Where each level begins in depth.
-    depth : ndarray of float32, (C,)
-        Of a ray that crosses the cell from side to side.
+    origins: (L, 3) float64, lowest corners. cells: (L,) float64, side of a cell. shapes: (L, 3) int64. starts: (L,)
+    int64, where each level begins in depth. depth: (C,) float32, of a ray that crosses the cell from side to side.
     """
 
     origins: np.ndarray
@@ -36,17 +27,7 @@ class OpticalDepth(NamedTuple):
     def of_levels(cls, origins: ArrayLike, cells: ArrayLike, levels: Sequence[NDArray[Any]]) -> "OpticalDepth":
         """Make it of grids, rounded as they are kept.
 
-        Parameters
-        ----------
-        origins : array-like, (L, 3)
-            Lowest corners.
-        cells : array-like, (L,)
-            Sides of cells.
-        levels : sequence of ndarray, (X, Y, Z)
-
-        Returns
-        -------
-        OpticalDepth
+        origins: (L, 3), lowest corners. cells: (L,), sides of cells. levels: sequence of (X, Y, Z).
         """
         shapes = np.array([level.shape for level in levels], np.int64)
         starts = np.concatenate([[0], np.cumsum(shapes.prod(axis=1))[:-1]]).astype(np.int64)
@@ -54,12 +35,7 @@ class OpticalDepth(NamedTuple):
         return cls(np.asarray(origins, np.float64), np.asarray(cells, np.float64), shapes, starts, _depths(kept))
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """Return the arrays to keep, small ones.
-
-        Returns
-        -------
-        dict of str to ndarray
-        """
+        """Return the arrays to keep, small ones."""
         return {
             "depth_origins": self.origins,
             "depth_cells": self.cells,
@@ -71,19 +47,7 @@ class OpticalDepth(NamedTuple):
     def restored(cls, arrays: Mapping[str, NDArray[Any]]) -> "OpticalDepth | None":
         """Make it of what `arrays` gave.
 
-        Parameters
-        ----------
-        arrays : mapping of str to ndarray
-
-        Returns
-        -------
-        OpticalDepth or None
-            None where it is not among them.
-
-        Raises
-        ------
-        ValueError
-            For parts that do not fit.
+        None where it is not among them. Raises ValueError for parts that do not fit.
         """
         if "depth_bytes" not in arrays:
             return None

@@ -25,23 +25,8 @@ MOST_ALIKE = 64
 def read_ply(path: str | os.PathLike[str]) -> UncheckedMesh:
     """Read a PLY, row by row.
 
-    Parameters
-    ----------
-    path : path
-
-    Returns
-    -------
-    UncheckedMesh
-
-    Raises
-    ------
-    InputError
-        For one that is damaged, cut short, or no mesh.
-
-    Warns
-    -----
-    DataWarning
-        Of one without colours whose texture is not read.
+    Raises InputError for one that is damaged, cut short, or no mesh. Warns with a DataWarning of one without colours
+    whose texture is not read.
     """
     ply = Ply.open(path)
     names = ply.elements["vertex"].properties if "vertex" in ply.elements else {}

@@ -16,16 +16,8 @@ def proxy_glb(
 ) -> bytes:
     """Make the file of bodies for collisions.
 
-    Parameters
-    ----------
-    bodies : sequence of (ndarray, ndarray)
-        Vertices (V, 3) in the scene frame, faces (F, 3).
-    suffix : str
-        Suffix of the nodes' names, proxy_000 and so on, from which Godot infers their purpose.
-
-    Returns
-    -------
-    bytes
+    bodies: sequence of (ndarray, ndarray), vertices (V, 3) in the scene frame, faces (F, 3). suffix: suffix of the
+    nodes' names, proxy_000 and so on, from which Godot infers their purpose.
     """
     views: list[dict] = []
     accessors: list[dict] = []

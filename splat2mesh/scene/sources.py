@@ -25,16 +25,9 @@ _SOG_METAS = ("meta.json", "lod-meta.json", "meta.lcc")
 class SourcePart:
     """One splat file of a scene.
 
-    Attributes
-    ----------
-    splats : Splats
-        Every row of the file in its order, not cleaned, in the frame of the source of `Scene.scene_from_splat`.
-    path : Path
-        Where it was found.
-    name : str
-        Of the object in its layout, or of the file.
-    chunks : range
-        Of the scene's chunks that were made from it.
+    splats: every row of the file in its order, not cleaned, in the frame of the source of `Scene.scene_from_splat`.
+    path: where it was found. name: of the object in its layout, or of the file. chunks: of the scene's chunks that were
+    made from it.
     """
 
     splats: Splats
@@ -46,25 +39,11 @@ class SourcePart:
 def source_splats(scene: Scene, path: str | os.PathLike[str] | None = None) -> tuple[Splats, list[Path]]:
     """Read the splats a scene was made from.
 
-    Parameters
-    ----------
-    scene : Scene
-    path : path or None
-        The splat file, or for a layout its .json or the folder of its files; without it they are looked for where the
-        scene says, then beside the scene folder, then in the current folder.
-
-    Returns
-    -------
-    splats : Splats
-        In the frame that `scene.scene_from_splat` starts from: of a single splat that of its file, of a layout the
-        scene frame, object after object. Every row of each file, in its order, not cleaned: rows may hold NaN.
-    paths : list of Path
-        They were read from.
-
-    Raises
-    ------
-    InputError
-        When one is missing or has another SHA-256, or when the scene is a plain mesh.
+    path: the splat file, or for a layout its .json or the folder of its files; without it they are looked for where the
+    scene says, then beside the scene folder, then in the current folder. Returns splats: in the frame that
+    `scene.scene_from_splat` starts from: of a single splat that of its file, of a layout the scene frame, object after
+    object. Every row of each file, in its order, not cleaned: rows may hold NaN; paths: they were read from. Raises
+    InputError when one is missing or has another SHA-256, or when the scene is a plain mesh.
     """
     parts = source_parts(scene, path)
     splats = parts[0].splats if len(parts) == 1 else joined([part.splats for part in parts])
@@ -74,21 +53,8 @@ def source_splats(scene: Scene, path: str | os.PathLike[str] | None = None) -> t
 def source_parts(scene: Scene, path: str | os.PathLike[str] | None = None) -> list[SourcePart]:
     """Read the splats a scene was made from, file by file.
 
-    Parameters
-    ----------
-    scene : Scene
-    path : path or None
-        As for `source_splats`.
-
-    Returns
-    -------
-    list of SourcePart
-        One for each object of a layout, in its order.
-
-    Raises
-    ------
-    InputError
-        As `source_splats` does.
+    path: as for `source_splats`. One for each object of a layout, in its order. Raises InputError as
+    `source_splats` does.
     """
     own, entries = _entries(scene)
     if path is not None and not Path(path).exists():
@@ -115,16 +81,8 @@ def source_parts(scene: Scene, path: str | os.PathLike[str] | None = None) -> li
 def describe(path: str | os.PathLike[str], lod: int | str = "auto") -> dict[str, Any]:
     """Return the record of a scene's source, by which it can be found again.
 
-    Parameters
-    ----------
-    path : path
-    lod : int or "auto"
-        Level of detail, as for `read_splats`.
-
-    Returns
-    -------
-    dict
-        file, sha256 and path; of a streamed SOG also lod, the number of the level.
+    lod: level of detail, as for `read_splats`. Returns file, sha256 and path; of a streamed SOG also lod, the number of
+    the level.
     """
     found = absolute(path)
     level = parts_of(found, lod).level
@@ -135,15 +93,8 @@ def describe(path: str | os.PathLike[str], lod: int | str = "auto") -> dict[str,
 def fingerprint(path: str | os.PathLike[str], lod: int | str = "auto") -> str:
     """Return the SHA-256 of everything that `read_splats` reads of a path, in its order.
 
-    Parameters
-    ----------
-    path : path
-    lod : int or "auto"
-
-    Returns
-    -------
-    str
-        Hexadecimal. A tile that is an unbundled SOG counts with all files of its folder, in the order of their names.
+    Hexadecimal. A tile that is an unbundled SOG counts with all files of its folder, in the order of their
+    names.
     """
     digest = hashlib.sha256()
     for part in parts_of(path, lod).files:

@@ -25,18 +25,7 @@ _FACET_TEXT = re.compile(
 def read_stl(path: str | os.PathLike[str]) -> UncheckedMesh:
     """Read an STL, binary or ascii.
 
-    Parameters
-    ----------
-    path : path
-
-    Returns
-    -------
-    UncheckedMesh
-
-    Raises
-    ------
-    InputError
-        For one that is cut short or damaged.
+    Raises InputError for one that is cut short or damaged.
     """
     size = os.path.getsize(path)
     with open(path, "rb") as file:

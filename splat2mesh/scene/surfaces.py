@@ -17,17 +17,9 @@ from ..base.errors import DataWarning, InputError
 class UncheckedMesh(NamedTuple):
     """A triangle mesh as a file has it: `meshfile.checked_mesh` makes a Mesh of it.
 
-    Attributes
-    ----------
-    points : ndarray of float64, (V, 3)
-    faces : ndarray of int64, (F, 3)
-        Rows of points.
-    normals : ndarray, (V, 3), or None
-        Rows that are 0 or not finite are missing.
-    colors : ndarray, (V, 3), or None
-        sRGB in [0, 1].
-    moved : ndarray of float64, (3,), or None
-        By what the points were moved to the origin, where the reader did so.
+    points: (V, 3) float64. faces: (F, 3) int64, rows of points. normals: (V, 3), or None, rows that are 0 or not finite
+    are missing. colors: (V, 3), or None, sRGB in [0, 1]. moved: (3,) float64, or None, by what the points were moved to
+    the origin, where the reader did so.
     """
 
     points: NDArray[np.float64]
@@ -44,15 +36,8 @@ FAR = 1e-4
 def centred(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
     """Move a mesh to the origin if it is so far away that float32 would lose it.
 
-    Parameters
-    ----------
-    points : ndarray of float64, (N, 3)
-
-    Returns
-    -------
-    points : ndarray of float64, (N, 3)
-    moved : ndarray of float64, (3,), or None
-        What was taken off; None where nothing was.
+    points: (N, 3) float64. Returns points: (N, 3) float64; moved: (3,) float64, or None, what was taken off; None where
+    nothing was.
     """
     finite = points[np.isfinite(points).all(axis=1)]
     if not len(finite):
@@ -68,14 +53,7 @@ def centred(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[n
 def too_far(moved: NDArray[np.float64]) -> str:
     """Return what a warning says of a mesh that `centred` moved.
 
-    Parameters
-    ----------
-    moved : ndarray of float64, (3,)
-        What was taken off.
-
-    Returns
-    -------
-    str
+    moved: (3,) float64, what was taken off.
     """
     shift = ", ".join(f"{-part:.10g}" for part in moved)
     return f"too far from the origin for float32, moved by ({shift}); lamps and objects keep to its own coordinates"
@@ -84,14 +62,7 @@ def too_far(moved: NDArray[np.float64]) -> str:
 def frame_from_own(moved: NDArray[np.float64] | None) -> NDArray[np.float64]:
     """Return the matrix that leads from the coordinates of a mesh to those that `centred` gave it.
 
-    Parameters
-    ----------
-    moved : ndarray of float64, (3,), or None
-        What was taken off; None for nothing.
-
-    Returns
-    -------
-    ndarray of float64, (4, 4)
+    moved: (3,) float64, or None, what was taken off; None for nothing. Returns (4, 4) float64.
     """
     matrix = np.eye(4)
     matrix[:3, 3] = 0.0 if moved is None else -moved
@@ -101,23 +72,9 @@ def frame_from_own(moved: NDArray[np.float64] | None) -> NDArray[np.float64]:
 def fans(corners: NDArray, counts: NDArray, path: str | os.PathLike[str]) -> NDArray[np.int64]:
     """Cut polygons into triangle fans.
 
-    Parameters
-    ----------
-    corners : ndarray of integers, (C,)
-        Those of all polygons in a row.
-    counts : ndarray of integers, (P,)
-        The corners of each.
-    path : path
-        Of the file, for the warning.
-
-    Returns
-    -------
-    ndarray of int64, (F, 3)
-
-    Warns
-    -----
-    DataWarning
-        With the number of those that have fewer than three corners, which are left out.
+    corners: (C,) integers, those of all polygons in a row. counts: (P,) integers, the corners of each. path: of the
+    file, for the warning. Returns (F, 3) int64. Warns with a DataWarning with the number of those that have fewer than
+    three corners, which are left out.
     """
     flat = int(np.count_nonzero(counts < 3))
     if flat:
@@ -134,18 +91,8 @@ def fans(corners: NDArray, counts: NDArray, path: str | os.PathLike[str]) -> NDA
 def check_corners(faces: NDArray, count: int, path: str | os.PathLike[str]) -> None:
     """Check that faces name vertices that are there, before anything follows the name.
 
-    Parameters
-    ----------
-    faces : ndarray of integers, (F, 3)
-    count : int
-        Of the vertices.
-    path : path
-        Of the file, for the message.
-
-    Raises
-    ------
-    InputError
-        Where one does not.
+    faces: (F, 3) integers. count: of the vertices. path: of the file, for the message. Raises InputError where one does
+    not.
     """
     if len(faces) and (faces.min() < 0 or faces.max() >= count):
         raise InputError(f"{path}: a face names a vertex beyond the {count} there are; export it again")
@@ -157,20 +104,9 @@ def joined(
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Join corners that hold the same, in the order of first use.
 
-    Parameters
-    ----------
-    corners : ndarray of integers, (C,)
-        Rows of each of `values`.
-    *values : ndarray, (N, k), or None
-        What rows hold: places, normals, texture coordinates, colours; None is left out. Values count as equal as
-        float32, -0 as 0.
-
-    Returns
-    -------
-    rows : ndarray of int64, (V,)
-        Of each vertex.
-    vertices : ndarray of int64, (C,)
-        Of each corner.
+    corners: (C,) integers, rows of each of `values`. *values: (N, k), or None, what rows hold: places, normals, texture
+    coordinates, colours; None is left out. Values count as equal as float32, -0 as 0. Returns rows: (V,) int64, of each
+    vertex; vertices: (C,) int64, of each corner.
     """
     used, corner = np.unique(corners, return_inverse=True)
     held = np.concatenate([np.asarray(value)[used] for value in values if value is not None], axis=1)

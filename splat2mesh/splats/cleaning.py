@@ -13,15 +13,7 @@ from .splats import ABSURD_LENGTH, FLATTEST, INVISIBLE_OPACITY, MIN_SPLATS, NUMB
 def usable(splats: Splats) -> tuple[NDArray[np.bool_], dict[str, int]]:
     """Find the splats that `clean` keeps.
 
-    Parameters
-    ----------
-    splats : Splats
-
-    Returns
-    -------
-    keep : ndarray of bool, (N,)
-    counts : dict of str to int
-        Those that are dropped, by reason; each counts once.
+    Returns keep: (N,) bool; counts: those that are dropped, by reason; each counts once.
     """
     counts, keep = {}, np.ones(len(splats), bool)
     for name, rows in _faults(splats).items():
@@ -53,29 +45,12 @@ def _faults(splats: Splats) -> dict[str, NDArray[np.bool_]]:
 def clean(splats: Splats) -> tuple[Splats, dict[str, int]]:
     """Drop the splats that cannot be used.
 
-    Parameters
-    ----------
-    splats : Splats
-        As a file has them.
-
-    Returns
-    -------
-    splats : Splats
-        Those that are left. A zero scale beside a positive one is raised to `FLATTEST` of the largest.
-    counts : dict of str to int
-        Those dropped, each counted once: `non_finite` (a NaN or an infinity in any field), `absurd` (a coordinate or
-        scale beyond `ABSURD_LENGTH`, a negative scale, or no extent at all), `zero_quaternion`, and `invisible`
-        (opacity below 1/255: normal in trained files).
-
-    Raises
-    ------
-    InputError
-        When fewer than `MIN_SPLATS` remain.
-
-    Warns
-    -----
-    DataWarning
-        About all that are dropped but the invisible, and about those that were thickened.
+    splats: as a file has them. Returns splats: those that are left. A zero scale beside a positive one is raised to
+    `FLATTEST` of the largest; counts: those dropped, each counted once: `non_finite` (a NaN or an infinity in any
+    field), `absurd` (a coordinate or scale beyond `ABSURD_LENGTH`, a negative scale, or no extent at all),
+    `zero_quaternion`, and `invisible` (opacity below 1/255: normal in trained files). Raises InputError when fewer than
+    `MIN_SPLATS` remain. Warns with a DataWarning about all that are dropped but the invisible, and about those that
+    were thickened.
     """
     keep, counts = usable(splats)
     kept = splats if keep.all() else splats.take(keep)

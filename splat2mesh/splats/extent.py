@@ -20,20 +20,9 @@ the mesh is as good as at the origin; where it is 4.5 widths, it is rubble."""
 def check_extent(splats: Splats) -> None:
     """Refuse splats too small to be meshed, or so far out that their places are rounded to rubble.
 
-    Parameters
-    ----------
-    splats : Splats
-        Cleaned; a sample of them is checked.
-
-    Raises
-    ------
-    InputError
-        For a span below `SMALLEST_SPAN` and for steps between places of more than `TOO_COARSE` widths.
-
-    Warns
-    -----
-    DataWarning
-        Where places are rounded to about the splats' own width.
+    splats: cleaned; a sample of them is checked. Raises InputError for a span below `SMALLEST_SPAN` and for steps
+    between places of more than `TOO_COARSE` widths. Warns with a DataWarning where places are rounded to about the
+    splats' own width.
     """
     step = 1 + len(splats) // MOST_SAMPLED
     places = splats.means[::step]

@@ -20,20 +20,10 @@ _AXES: dict[str, Vector3] = {"x": (1.0, 0.0, 0.0), "z": (0.0, 0.0, 1.0), "-z": (
 class FileFacts:
     """Facts of a splat file, None or the default where it says nothing.
 
-    Attributes
-    ----------
-    antialiased : bool or None
-        Whether the splats were trained for a rasteriser that makes up for its blur, that of Mip-Splatting.
-    up : (x, y, z) or None
-        The direction that points up, in the frame of the Splats.
-    up_from : str
-        What says so.
-    frame : str
-        The axes that the file states, where its format leaves them open.
-    metres : float or None
-        Of one unit.
-    offset : (x, y, z)
-        Float64 numbers, added to the means: the coordinates in the file, where these are too large for float32.
+    antialiased: whether the splats were trained for a rasteriser that makes up for its blur, that of Mip-Splatting. up:
+    (x, y, z) or None, the direction that points up, in the frame of the Splats. up_from: what says so. frame: the axes
+    that the file states, where its format leaves them open. metres: of one unit. offset: (x, y, z), Float64 numbers,
+    added to the means: the coordinates in the file, where these are too large for float32.
     """
 
     antialiased: bool | None = None
@@ -46,14 +36,7 @@ class FileFacts:
     def turned(self, linear: NDArray[np.float64]) -> "FileFacts":
         """Return the facts in another frame.
 
-        Parameters
-        ----------
-        linear : ndarray, (3, 3)
-            new_from_old, a rotation times a scale.
-
-        Returns
-        -------
-        FileFacts
+        linear: (3, 3), new_from_old, a rotation times a scale.
         """
         up = self.up
         if up is not None:
@@ -71,15 +54,8 @@ NO_FACTS = FileFacts()
 def facts_of_comments(comments: Iterable[str]) -> FileFacts:
     """Read the comments of a PLY header that trainers write.
 
-    Parameters
-    ----------
-    comments : iterable of str
-
-    Returns
-    -------
-    FileFacts
-        `Vertical Axis` of nerfstudio and Brush: a letter, or the up vector. `y` is what Brush writes where it knows
-        nothing, so it says nothing. `SplatRenderMode` of Brush and `antialiased` of Postshot.
+    Returns FileFacts: `Vertical Axis` of nerfstudio and Brush: a letter, or the up vector. `y` is what Brush writes
+    where it knows nothing, so it says nothing. `SplatRenderMode` of Brush and `antialiased` of Postshot.
     """
     facts = NO_FACTS
     for comment in comments:
@@ -99,16 +75,7 @@ def facts_of_comments(comments: Iterable[str]) -> FileFacts:
 
 
 def comments_of(facts: FileFacts) -> list[str]:
-    """Return the comments of a PLY header by which `facts_of_comments` finds the same.
-
-    Parameters
-    ----------
-    facts : FileFacts
-
-    Returns
-    -------
-    list of str
-    """
+    """Return the comments of a PLY header by which `facts_of_comments` finds the same."""
     found = []
     if facts.up is not None:
         found.append("Vertical axis: " + " ".join(f"{part:.9g}" for part in facts.up))
@@ -120,15 +87,7 @@ def comments_of(facts: FileFacts) -> list[str]:
 def common(facts: Sequence[FileFacts]) -> FileFacts:
     """Return what several files say together: a fact on which two differ is none.
 
-    Parameters
-    ----------
-    facts : sequence of FileFacts
-        At least one.
-
-    Returns
-    -------
-    FileFacts
-        At the offset of the first that has one.
+    facts: at least one. Returns FileFacts at the offset of the first that has one.
     """
     first = facts[0]
     one: dict[str, Any] = {name: getattr(first, name) for name in ("antialiased", "frame", "metres")}

@@ -12,20 +12,9 @@ DEGREE_OF_COEFFICIENTS = {1: 0, 4: 1, 9: 2, 16: 3}
 def sh_basis_3dgs(directions: NDArray[Any], degree: int) -> NDArray[Any]:
     """Evaluate the real orthonormal spherical harmonics with the signs of 3DGS files, (-1)^m.
 
-    Parameters
-    ----------
-    directions : ndarray, (N, 3)
-        Unit vectors.
-    degree : int
-        0 to 3.
+    directions: (N, 3), unit vectors. degree: 0 to 3. Returns (N, (degree + 1)^2): in the dtype of `directions`, index l
+    (l + 1) + m.
 
-    Returns
-    -------
-    ndarray, (N, (degree + 1)^2)
-        In the dtype of `directions`, index l (l + 1) + m.
-
-    Notes
-    -----
     Source: Sloan, "Stupid Spherical Harmonics Tricks" (2008), appendix A2, with odd m negated.
     """
     x, y, z = directions.T

@@ -10,17 +10,10 @@ from .splats import Splats
 def joined(parts: list[Splats]) -> Splats:
     """Join several Splats to one, part after part; lower degrees get harmonics of zero.
 
-    Parameters
-    ----------
-    parts : list of Splats
-        At least one. It is emptied meanwhile, so the memory of a part without other references is free again once
-        its rows are copied: at the peak there are the whole and one part of the largest field.
-
-    Returns
-    -------
-    Splats
-        Rows are marked as environment where their part marks them; where no part does, there is no mark. Parts of other
-        offsets are moved to the common one.
+    parts: at least one. It is emptied meanwhile, so the memory of a part without other references is free again once
+    its rows are copied: at the peak there are the whole and one part of the largest field. Returns Splats: rows are
+    marked as environment where their part marks them; where no part does, there is no mark. Parts of other offsets are
+    moved to the common one.
     """
     if len(parts) == 1:
         return parts.pop()
@@ -50,9 +43,7 @@ def at_offset(
 ) -> NDArray[np.float32]:
     """Return the means of splats beside another offset than theirs.
 
-    Returns
-    -------
-    ndarray of float32, (N, 3)
+    Returns (N, 3) float32.
     """
     if splats.facts.offset == offset:
         return splats.means

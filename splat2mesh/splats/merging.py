@@ -14,21 +14,10 @@ TOGETHER = 4
 def merged(splats: Splats, together: int = TOGETHER) -> Splats:
     """Merge every few successive splats, so in spatial order, to one; the last may stand for fewer.
 
-    Parameters
-    ----------
-    splats : Splats
-        Usable ones (`cleaning.clean`).
-    together : int
-        How many become one.
+    splats: usable ones (`cleaning.clean`). together: how many become one. Returns Splats without harmonics. Mean,
+    covariance and colour are those of the mixture, each splat weighing its opacity times its area, and the opacity
+    keeps the sum of these, up to 1.
 
-    Returns
-    -------
-    Splats
-        Without harmonics. Mean, covariance and colour are those of the mixture, each splat weighing its opacity times
-        its area, and the opacity keeps the sum of these, up to 1.
-
-    Notes
-    -----
     Source: Goldberger and Roweis, "Hierarchical Clustering of a Mixture Model" (2004).
     """
     from scipy.spatial.transform import Rotation

@@ -24,16 +24,7 @@ def similarity(
 ) -> NDArray[np.float64]:
     """Return the matrix of p -> scale * rotation @ p + translation.
 
-    Parameters
-    ----------
-    scale : float
-    rotation : array-like, (3, 3), or None
-        None turns nothing.
-    translation : array-like, (3,)
-
-    Returns
-    -------
-    ndarray of float64, (4, 4)
+    rotation: (3, 3), or None, none turns nothing. translation: (3,). Returns (4, 4) float64.
     """
     matrix = np.eye(4)
     matrix[:3, :3] = scale * np.asarray(np.eye(3) if rotation is None else rotation)
@@ -44,21 +35,9 @@ def similarity(
 def parts_of(matrix: ArrayLike) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
     """Take a similarity transform apart.
 
-    Parameters
-    ----------
-    matrix : array-like, (4, 4)
-
-    Returns
-    -------
-    scale : float
-    rotation : ndarray of float64, (3, 3)
-    translation : ndarray of float64, (3,)
-
-    Raises
-    ------
-    InputError
-        For a matrix that shears, scales axes unequally, mirrors, projects, or holds NaN: a Gaussian splat turned by it
-        would not look the same.
+    matrix: (4, 4). Returns scale; rotation: (3, 3) float64; translation: (3,) float64. Raises InputError for a matrix
+    that shears, scales axes unequally, mirrors, projects, or holds NaN: a Gaussian splat turned by it would not look
+    the same.
     """
     matrix = np.asarray(matrix, np.float64)
     if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
@@ -81,22 +60,8 @@ def parts_of(matrix: ArrayLike) -> tuple[float, NDArray[np.float64], NDArray[np.
 def placed(splats: Splats, matrix: ArrayLike) -> Splats:
     """Return splats as seen in another frame: each looks there from everywhere as it did before.
 
-    Parameters
-    ----------
-    splats : Splats
-        Rows that are not finite stay so.
-    matrix : array-like, (4, 4)
-        Similarity, new_from_old.
-
-    Returns
-    -------
-    Splats
-        Row by row; the same object for the identity.
-
-    Raises
-    ------
-    InputError
-        For any other transform.
+    splats: rows that are not finite stay so. matrix: (4, 4), similarity, new_from_old. Returns Splats: row by row; the
+    same object for the identity. Raises InputError for any other transform.
     """
     scale, rotation, translation = parts_of(matrix)
     if np.array_equal(np.asarray(matrix, np.float64), np.eye(4)):
@@ -116,19 +81,8 @@ def placed(splats: Splats, matrix: ArrayLike) -> Splats:
 def reframed(splats: Splats, matrix: ArrayLike) -> Splats:
     """Return splats whose axes are others: turned, or mirrored as a file of the other handedness has them.
 
-    Parameters
-    ----------
-    splats : Splats
-    matrix : array-like, (3, 3)
-        Orthogonal, new_from_old.
+    matrix: (3, 3), orthogonal, new_from_old. Returns Splats: row by row; the same object for the identity.
 
-    Returns
-    -------
-    Splats
-        Row by row; the same object for the identity.
-
-    Notes
-    -----
     A mirror is the inversion p -> -p before a rotation. It keeps the rotation of a Gaussian, which is even, and changes
     the sign of the harmonics of odd degree. Source: d -> -d in the definition of the harmonics.
     """
@@ -145,21 +99,7 @@ def reframed(splats: Splats, matrix: ArrayLike) -> Splats:
 def placed_mesh(mesh: Any, matrix: ArrayLike) -> Any:
     """Return a mesh as seen in another frame.
 
-    Parameters
-    ----------
-    mesh : Mesh
-        Of `scene.mesh`.
-    matrix : array-like, (4, 4)
-        Similarity, new_from_old.
-
-    Returns
-    -------
-    Mesh
-
-    Raises
-    ------
-    InputError
-        For any other transform.
+    mesh: of `scene.mesh`. matrix: (4, 4), similarity, new_from_old. Raises InputError for any other transform.
     """
     scale, rotation, translation = parts_of(matrix)
     vertices = mesh.vertices.astype(np.float64) @ (scale * rotation).T + translation
@@ -170,20 +110,9 @@ def placed_mesh(mesh: Any, matrix: ArrayLike) -> Any:
 def sh_rotation_3dgs(rotation: ArrayLike, degree: int) -> NDArray[np.float64]:
     """Return the matrix that turns coefficients with the signs of 3DGS.
 
-    Parameters
-    ----------
-    rotation : array-like, (3, 3)
-        R.
-    degree : int
-        0 to 3.
+    rotation: (3, 3), R. degree: 0 to 3. Returns (K, K) float64: M c are the coefficients of f(R^-1 d) when c are those
+    of f(d). Entries of quarter turns are exactly 0 and +-1.
 
-    Returns
-    -------
-    ndarray of float64, (K, K)
-        M c are the coefficients of f(R^-1 d) when c are those of f(d). Entries of quarter turns are exactly 0 and +-1.
-
-    Notes
-    -----
     M_ij is the integral of Y_i(R d) Y_j(d), which the quadrature evaluates exactly, degree by degree.
     """
     directions, weights = _quadrature(degree)

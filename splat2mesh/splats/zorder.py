@@ -16,15 +16,8 @@ SMALLEST_EXTENT = 1e-15
 def rows_along_curve(points: NDArray[np.float32]) -> NDArray[np.int64]:
     """Order points along the curve.
 
-    Parameters
-    ----------
-    points : ndarray of float32, (N, 3)
-        Finite. Those beyond the first and last percent of an axis count as lying at its ends.
-
-    Returns
-    -------
-    ndarray of int64, (N,)
-        Their rows; those of one cell, a thousandth of the extent, stay in their order.
+    points: (N, 3) float32, finite. Those beyond the first and last percent of an axis count as lying at its ends.
+    Returns (N,) int64: their rows; those of one cell, a thousandth of the extent, stay in their order.
     """
     low, high = np.percentile(points[:: 1 + len(points) // 65536], [1, 99], axis=0).astype(np.float32)
     cells = (points - low) / max(float((high - low).max()), SMALLEST_EXTENT) * 1023
@@ -37,15 +30,7 @@ def rows_along_curve(points: NDArray[np.float32]) -> NDArray[np.int64]:
 def bits_apart(values: NDArray[Any]) -> NDArray[Any]:
     """Put two zeros before each bit of ten-bit integers: 0b11 becomes 0b1001.
 
-    Parameters
-    ----------
-    values : ndarray of uint64
-        Any shape, below 1024.
-
-    Returns
-    -------
-    ndarray of uint64
-        The same shape.
+    values: uint64, any shape, below 1024. Returns uint64: the same shape.
     """
     for shift, mask in ((16, 0x030000FF), (8, 0x0300F00F), (4, 0x030C30C3), (2, 0x09249249)):
         values = (values | values << shift) & mask

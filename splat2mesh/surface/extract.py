@@ -96,20 +96,27 @@ def dilated(splats: Splats, pixel: float) -> Splats:
     return replace(splats, scales=scales.astype(np.float32))
 
 
-class Trained(NamedTuple):
-    """Splats as training saw them, that is dilated, and the size of a training pixel, in their unit."""
+def as_trained(splats: Splats) -> tuple[Splats, float]:
+    """The splats of a file, dilated for the pixel estimated from them, and that pixel."""
+    pixel = training_pixel(splats)
+    return dilated(splats, pixel), pixel
+
+
+class Look(NamedTuple):
+    """Splats, dilated; the size of a training pixel in their unit; views that show them, and near planes, (M,)."""
 
     splats: Splats
     pixel: float
+    views: Sequence[View]
+    near: Floats
+
+    @classmethod
+    def around(cls, splats: Splats, pixel: float, views: Sequence[View]) -> "Look":
+        """One whose near planes follow from the size of what is seen."""
+        return cls(splats, pixel, views, np.full(len(views), near_plane(bounds_of(splats))))
 
 
-def as_trained(splats: Splats) -> Trained:
-    """The splats of a file, dilated for the pixel estimated from them: a Trained."""
-    pixel = training_pixel(splats)
-    return Trained(dilated(splats, pixel), pixel)
-
-
-def surface_level(splats: Splats, views: Sequence[View], pixel: float, near: float) -> float:
+def surface_level(look: Look) -> float:
     """The opacity at which the surface of this splat lies, by how thick its surfaces are in training pixels.
 
     The Gaussians of a thin surface reach in front of it and are crossed early; where they pile up loosely, the surface
@@ -118,9 +125,9 @@ def surface_level(splats: Splats, views: Sequence[View], pixel: float, near: flo
     from ..render.opacityfield import field_depth
 
     found: list[Floats] = [np.zeros(0)]
-    for view in views[:: max(1, len(views) // LEVEL_PROBES)]:
+    for view in look.views[:: max(1, len(look.views) // LEVEL_PROBES)]:
         view = view.resized(LEVEL_PROBE_PIXELS)
-        found.append(thickness_of(field_depth(splats, view, near), view).ravel() / pixel)
+        found.append(thickness_of(field_depth(look.splats, view, float(look.near[0])), view).ravel() / look.pixel)
     thickness = np.concatenate(found)
     thickness = thickness[np.isfinite(thickness)]
     if len(thickness) == 0:
@@ -133,31 +140,26 @@ def thickness_of(seen: "FieldDepth", view: View) -> Floats:
     return seen.spread * -(view.ray_directions() * seen.normal).sum(axis=-1)
 
 
-def extract(
-    way: str, splats: Splats, views: Sequence[View], pixel: float, effort: Effort, vertices: int, stages: Stages
-) -> tuple[Any, list[RenderedPicture]]:
-    """The raw surface of `splats` (already dilated) as seen in `views`: an open3d TriangleMesh and a picture
-    of each view.
+def extract(way: str, look: Look, effort: Effort, vertices: int, stages: Stages) -> tuple[Any, list[RenderedPicture]]:
+    """The raw surface of what a Look shows: an open3d TriangleMesh and a picture of each view.
 
-    way: one of WAYS. pixel: size of a training pixel at the surface. effort: Effort. vertices: size of the mesh
-    that is wanted in the end. stages: Stages. Raises InputError when hardly any surface is found.
+    way: one of WAYS. effort: Effort. vertices: size of the mesh that is wanted in the end. stages: Stages.
+    Raises InputError when hardly any surface is found.
     """
-    return (_field if way == "field" else _sugar)(splats, views, pixel, effort, vertices, stages)
+    return (_field if way == "field" else _sugar)(look, effort, vertices, stages)
 
 
-def _field(
-    splats: Splats, views: Sequence[View], pixel: float, effort: Effort, vertices: int, stages: Stages
-) -> tuple[Any, list[RenderedPicture]]:
+def _field(look: Look, effort: Effort, vertices: int, stages: Stages) -> tuple[Any, list[RenderedPicture]]:
     from ..render.opacityfield import field_depth
     from .fusion import PlaneMap, fuse
 
-    bounds = bounds_of(splats)
-    near, diagonal = near_plane(bounds), float(np.linalg.norm(np.ptp(bounds, axis=0)))
+    splats, pixel, views, near = look
+    diagonal = float(np.linalg.norm(np.ptp(bounds_of(splats), axis=0)))
     maps, pictures = [], []
-    level = surface_level(splats, views, pixel, near)
+    level = surface_level(look)
     with stages.stage("depth maps", total=len(views)) as advance:
         for view in views:
-            seen = field_depth(splats, view, near, level)
+            seen = field_depth(splats, view, float(near[0]), level)
             maps.append(PlaneMap.from_depth(view, seen.depth, seen.normal, seen.spread, diagonal / 2))
             pictures.append(RenderedPicture.from_render(view, seen.color, seen.depth, thickness_of(seen, view)))
             advance()
@@ -173,17 +175,16 @@ def _field(
     return mesh, pictures
 
 
-def _sugar(
-    splats: Splats, views: Sequence[View], pixel: float, effort: Effort, vertices: int, stages: Stages
-) -> tuple[Any, list[RenderedPicture]]:
+def _sugar(look: Look, effort: Effort, vertices: int, stages: Stages) -> tuple[Any, list[RenderedPicture]]:
     from ..render.rasterize import rasterize
     from .sugar import DensityField, SurfacePoints, poisson, surface_points
 
-    near, field = near_plane(bounds_of(splats)), DensityField(splats)
+    splats, pixel, views, near = look
+    field = DensityField(splats)
     found, pictures = [], []
     with stages.stage("surface points", total=len(views)) as advance:
         for view in views:
-            rendering = rasterize(splats, view, near)
+            rendering = rasterize(splats, view, float(near[0]))
             covered = np.isfinite(rendering.depth_median).sum() * len(views)
             found.append(surface_points(field, view, rendering, max(1, int(np.sqrt(covered / effort.points)))))
             color = rendering.color / np.maximum(rendering.alpha, 1e-3)[..., None]

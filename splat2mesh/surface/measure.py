@@ -36,20 +36,10 @@ def measured_of(
 ) -> Measured:
     """Return what is measured on a source and the scene made of it; rows of no use, by `usable`, are no volume.
 
-    Parameters
-    ----------
-    splats : Splats
-        As read, every row of the source.
-    background : (M,) int or (N,) bool
-        Rows that are far background.
-    vertices : (V, 3) float
-        Of the scene, scene frame.
-    scene_from_splat : (4, 4) float
-    eyes : sequence of (3,) float
-        Where the capture stood, scene frame; the middle of the rest without.
-    is_object : bool
-        Whether the capture is of an object with neither ground nor far background around it: a closed surface has no
-        leaves then.
+    splats: as read, every row of the source. background: (M,) int or (N,) bool, rows that are far background. vertices:
+    (V, 3) float, of the scene, scene frame. scene_from_splat: (4, 4) float. eyes: sequence of (3,) float, where the
+    capture stood, scene frame; the middle of the rest without. is_object: whether the capture is of an object with
+    neither ground nor far background around it: a closed surface has no leaves then.
     """
     far = np.zeros(len(splats), bool)
     far[background] = True

@@ -21,7 +21,7 @@ from .adaptive import SLABS, fuse_adaptively
 from .album import Album, filled_in
 from .clean import fill_holes
 from .decimate import decimate
-from .extract import dilated, thickness_of, training_pixel
+from .extract import Look, dilated, thickness_of, training_pixel
 from .fair import fair
 from .refine import refine_by_color
 from .sight import FusionSight
@@ -76,27 +76,24 @@ HOLE_CELLS = 40.0
 """Border of the largest hole that is closed, in cells of its surroundings."""
 
 
-def reconstruct_place(
-    splats: Splats,
-    views: Sequence[View],
-    near: Floats,
-    vertices: int | None,
-    stages: Stages,
-    statistics: dict[str, Any],
-    overhead: Overhead | None = None,
-) -> tuple[Mesh, list[View], Floats]:
-    """The mesh of a place in the splats' frame, as views see it: a Mesh, and the views and near planes that were used.
-
-    splats: Splats as the file has them. views: list of View; near: (M,) their near planes. vertices: wanted, or None
-    for as many as the capture asks for. overhead: of a room whose views may have missed its ceiling: where that is
-    open, views that look up join them. Counts are added to `statistics`. Raises InputError when hardly any surface is
-    found.
-    """
+def place_look(splats: Splats, views: Sequence[View], near: Floats) -> Look:
+    """A Look at the splats of a place, as the file has them, from views with near planes (M,)."""
     pixel = training_pixel(splats)
-    splats = dilated(splats, PLACE.dilation * pixel)
+    return Look(dilated(splats, PLACE.dilation * pixel), pixel, views, near)
+
+
+def reconstruct_place(
+    look: Look, vertices: int | None, stages: Stages, overhead: Overhead | None = None
+) -> tuple[Mesh, Look, dict[str, Any]]:
+    """The mesh of a place in the splats' frame, as a Look of `place_look` sees it: a Mesh, what was looked at for it,
+    and counts.
+
+    vertices: wanted, or None for as many as the capture asks for. overhead: of a room whose views may have missed its
+    ceiling: where that is open, views that look up join them. Raises InputError when hardly any surface is found.
+    """
+    splats, pixel, views, near = look
     fog = _fog(splats, views, near)
     level = PLACE.level(fog)
-    statistics["fog"] = round(fog, 4)
     seen = _seen(splats, views, near, level, stages)
     depths = np.concatenate([each.depth[np.isfinite(each.depth)][::SAMPLED] for each in seen])
     if len(depths) < LEAST_POINTS:
@@ -127,16 +124,14 @@ def reconstruct_place(
         raise InputError("no surface is left after fusion: is this a splat of a place?")
     with stages.stage("clean"):
         points, faces, cells, dropped = without_floaters(points, faces, cells)
-    statistics["components_dropped"] += dropped
-    statistics["vertices_found"] = len(points)
-    wanted = int(np.clip(len(points) / SPARE, LEAST_VERTICES, MOST_VERTICES * SHAPE)) if vertices is None else vertices
+    found = len(points)
+    wanted = int(np.clip(found / SPARE, LEAST_VERTICES, MOST_VERTICES * SHAPE)) if vertices is None else vertices
     with stages.stage("decimate"):
         longest = HOLE_CELLS * float(np.median(cells))
         points, faces, *_ = simplify(points, faces, cells, wanted)
         points, faces = decimate(points, faces, len(points))  # only cleans: there is nothing left to remove
     with stages.stage("fair"):
         points, faces, filled = fill_holes(points, faces, longest)
-        statistics["holes_filled"] += filled
         _, thickness, seen_by = album.look_up(points, vertex_normals(points, faces))
         local = np.where(np.isfinite(seen_by), np.maximum(seen_by, pixel), pixel)
         placed = fair(points, faces, thickness / local, float(np.median(local))).astype(np.float32)
@@ -145,8 +140,9 @@ def reconstruct_place(
             placed, faces = refine_by_color(placed, faces, album, MOST_VERTICES)
         normals = vertex_normals(placed, faces)
         colors, unseen = filled_in(album.look_up(placed, normals)[0], placed)
-        statistics["vertices_unseen"] += unseen
-    return Mesh(placed, normals, faces, colors), list(views), near
+    counts: dict[str, float] = {"components_dropped": dropped, "holes_filled": filled, "vertices_unseen": unseen}
+    counts |= {"fog": round(fog, 4), "vertices_found": found}
+    return Mesh(placed, normals, faces, colors), Look(splats, pixel, list(views), near), counts
 
 
 def _seen(splats: Splats, views: Sequence[View], near: Floats, level: float, stages: Stages) -> list[FieldDepth]:

@@ -1,6 +1,7 @@
 """The mesh of an object: extracted from views of it, cleaned, decimated, faired, closed and coloured."""
 
 import warnings
+from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
@@ -8,14 +9,13 @@ import numpy as np
 from ..base.arrays import Points
 from ..base.errors import DataWarning, InputError
 from ..base.progress import Stages
-from ..render.view import View
 from ..scene.mesh import Mesh, vertex_normals
 from ..views.viewpoints import bounds_of
 from .album import Album
 from .clean import drop_small_components, fill_holes, trim_borders
 from .color import vertex_colors, vertex_thickness
 from .decimate import decimate
-from .extract import Effort, Trained, extract
+from .extract import Effort, Look, extract
 from .fair import fair
 from .openings import openings
 from .refine import refine_by_color
@@ -28,49 +28,38 @@ LONGEST_HOLE = 0.5
 
 
 def reconstruct_object(
-    parts: Sequence[Trained],
-    views: Sequence[list[View]],
-    surface: str,
-    effort: Effort,
-    vertices: int,
-    most: int,
-    stages: Stages,
-    statistics: dict[str, int],
-) -> Mesh:
-    """Return the Mesh of an object, parts[0], and of its far background where it is among the parts.
+    looks: Sequence[Look], surface: str, effort: Effort, vertices: int, most: int, stages: Stages
+) -> tuple[Mesh, dict[str, int]]:
+    """The Mesh of an object, looks[0], and of its far background where that is looked at too; and counts of both.
 
-    views: of each part. surface: one of SURFACE_CHOICES. vertices: wanted size. most: vertices up to which colours may
-    ask for more, 0 for none. statistics: counts are added to it. Raises InputError for an object without a surface.
+    surface: one of SURFACE_CHOICES. vertices: wanted size. most: vertices up to which colours may ask for more, 0 for
+    none. Raises InputError for an object without a surface.
     """
     shares = [vertices]
-    if len(parts) > 1:
+    if len(looks) > 1:
         shares = [round((1.0 - BACKGROUND_SHARE) * vertices), round(BACKGROUND_SHARE * vertices)]
-    meshes = []
-    for part, seen_from, share in zip(parts, views, shares, strict=True):
+    meshes, counts = [], Counter[str]()
+    for look, share in zip(looks, shares, strict=True):
         try:
-            meshes.append(_reconstruct(part, seen_from, surface, effort, share, most, stages, statistics))
+            mesh, found = _reconstruct(look, surface, effort, share, most, stages)
         except InputError:
-            if part is parts[0]:
+            if look is looks[0]:
                 raise
             warnings.warn("the far background shows no surface and was left out", DataWarning, stacklevel=3)
-    return _joined(meshes)
+            continue
+        meshes.append(mesh)
+        counts.update(found)
+    return _joined(meshes), dict(counts)
 
 
 def _reconstruct(
-    part: Trained,
-    views: list[View],
-    surface: str,
-    effort: Effort,
-    vertices: int,
-    most: int,
-    stages: Stages,
-    statistics: dict[str, int],
-) -> Mesh:
-    """The mesh of a part (Trained) as views see it, in the splats' frame: a Mesh; counts are added to `statistics`."""
-    splats, pixel = part
-    raw, pictures = extract(surface, splats, views, pixel, effort, vertices, stages)
+    look: Look, surface: str, effort: Effort, vertices: int, most: int, stages: Stages
+) -> tuple[Mesh, dict[str, int]]:
+    """The Mesh of what a Look shows, in the splats' frame, and counts."""
+    splats, pixel, *_ = look
+    raw, pictures = extract(surface, look, effort, vertices, stages)
     with stages.stage("clean"):
-        statistics["components_dropped"] += drop_small_components(raw)
+        dropped = drop_small_components(raw)
     with stages.stage("decimate"):
         points: Points
         points, faces = decimate(np.asarray(raw.vertices), np.asarray(raw.triangles), vertices)
@@ -83,7 +72,6 @@ def _reconstruct(
         points, faces, filled = fill_holes(
             points, faces, longest, are_open=lambda borders: openings(borders, pictures, radius)
         )
-        statistics["holes_filled"] += filled
         thickness = np.append(thickness[used], np.full(filled, np.inf))
         if len(faces):
             points = fair(points, faces, thickness / pixel, pixel)
@@ -93,8 +81,8 @@ def _reconstruct(
             points, faces = refine_by_color(points, faces, Album.from_pictures(pictures), most)
             normals = vertex_normals(points, faces)
         colors, unseen = vertex_colors(points, normals, pictures)
-        statistics["vertices_unseen"] += unseen
-    return Mesh(points, normals, faces, colors)
+    counts = {"components_dropped": dropped, "holes_filled": filled, "vertices_unseen": unseen}
+    return Mesh(points, normals, faces, colors), counts
 
 
 def _joined(meshes: Sequence[Mesh]) -> Mesh:

@@ -6,13 +6,12 @@ from ..render.view import View
 from ..scene.scene import Scene
 from ..splats.splats import Splats
 from ..surface.background import far_background, views_from_within
-from ..surface.extract import EFFORTS, as_trained, dilated, training_pixel
-from ..surface.place import PLACE
+from ..surface.extract import EFFORTS, Look, as_trained, dilated
+from ..surface.place import place_look
 from ..views.eyes import Eye, around
 from ..views.panes import sky_in_panes
 from ..views.standpoints import NEAR_DIAGONAL
-from ..views.viewpoints import bounds_of, near_plane, virtual_views
-from .projection import Look
+from ..views.viewpoints import bounds_of, virtual_views
 
 
 def looks_of(scene: Scene, splats: Splats, seed: int = 0) -> list[Look]:
@@ -30,19 +29,15 @@ def looks_of(scene: Scene, splats: Splats, seed: int = 0) -> list[Look]:
         if scene.capture.get("from") == "inside":
             splats = splats.take(np.flatnonzero(~sky_in_panes(splats, far, bounds, eyes)))
         views, planes = around(eyes, effort.pixels, up)
-        return [Look(dilated(splats, PLACE.dilation * training_pixel(splats)), views, planes)]
+        return [place_look(splats, views, planes)]
     shown, pixel = as_trained(foreground)
-    looks = [_around(shown, virtual_views(shown, effort.views, effort.pixels, up, seed))]
+    looks = [Look.around(shown, pixel, virtual_views(shown, effort.views, effort.pixels, up, seed))]
     if far.any() and scene.settings.get("background") == "keep":
         behind = dilated(splats.take(np.flatnonzero(far)), pixel)
-        looks.append(_around(behind, views_from_within(shown, effort.pixels, up)))
+        looks.append(Look.around(behind, pixel, views_from_within(shown, effort.pixels, up)))
     return looks
 
 
 def looks_from(views: list[View], splats: Splats) -> list[Look]:
     """One Look at splats, as wide as training saw them, from given views."""
-    return [_around(dilated(splats, training_pixel(splats)), views)]
-
-
-def _around(splats: Splats, views: list[View]) -> Look:
-    return Look(splats, views, np.full(len(views), near_plane(bounds_of(splats))))
+    return [Look.around(*as_trained(splats), views)]

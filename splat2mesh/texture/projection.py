@@ -14,10 +14,9 @@ from ..base.arrays import ColorsSrgb, Directions, Floats, Indices, Points
 from ..base.kernels import kernel
 from ..base.threads import shared
 from ..render.rasterize import rasterize
-from ..render.view import View
 from ..scene.color import bytes_from_unit
-from ..splats.splats import Splats
 from ..surface.album import LEAST_COSINE, groups_of, may_see
+from ..surface.extract import Look
 
 LEAST_ALPHA = 0.5
 """Opacity below which a pixel shows no surface."""
@@ -27,14 +26,6 @@ CERTAIN = 0.99
 
 DEEPEST = 1.05
 """Factor on the depth of a picture's deepest pixel, behind which it shows nothing."""
-
-
-class Look(NamedTuple):
-    """Splats, the views that show them, and the near plane of each view, (M,)."""
-
-    splats: Splats
-    views: Sequence[View]
-    near: Floats
 
 
 class Pictures(NamedTuple):

@@ -10,11 +10,11 @@ from ..base.arrays import ColorsSrgb
 from ..base.progress import Stages
 from ..scene.color import bytes_from_unit, linear_from_srgb, srgb_from_linear
 from ..scene.scene import Scene
-from ..surface.extract import training_pixel
+from ..surface.extract import Look, training_pixel
 from .atlas import Atlas, atlas_of, check_size, face_areas, surface_area, welded
 from .charts import GUTTER, charts_of
 from .density import local_pixel
-from .projection import Look, Pictures
+from .projection import Pictures
 
 SMALLEST_SIZE, LARGEST_SIZE = 256, 4096
 """Sides of a texture that `auto` chooses among, powers of two: 4096 is what every engine takes without asking."""

@@ -52,25 +52,10 @@ def convert_city(
 ) -> dict[str, Any]:
     """Mesh a city tile by tile; returns the report, JSON-clean.
 
-    Parameters
-    ----------
-    source : path or URL
-        As `pieces_of` takes it.
-    output : path or URL
-        Folder, or URL of fsspec.
-    options : ConvertOptions, optional
-        A city knows KNOWN alone; `vertices` are those of the whole city.
-    tiling : TilingOptions, optional
-        Memory, workers, and whether an earlier run with the same settings goes on.
-    engine : Loop or Cluster, optional
-        What runs the tasks, where it is not made of `tiling`.
-
-    Raises
-    ------
-    InputError
-        For what cannot be used.
-    UnfinishedError
-        Where tiles failed and the others are done.
+    source: path or URL, as `pieces_of` takes it. output: path or URL, folder, or URL of fsspec. options: a city knows
+    KNOWN alone; `vertices` are those of the whole city. tiling: memory, workers, and whether an earlier run with the
+    same settings goes on. engine: what runs the tasks, where it is not made of `tiling`. Raises InputError for what
+    cannot be used. Raises UnfinishedError where tiles failed and the others are done.
     """
     options, tiling = options or ConvertOptions(), tiling or TilingOptions()
     refuse_in_cities(options, KNOWN)

@@ -60,21 +60,10 @@ def _images_size(folder: Path) -> int:
 def read_colmap(folder: str | os.PathLike[str]) -> list[Camera]:
     """Read the cameras of a COLMAP model, text or binary.
 
-    Parameters
-    ----------
-    folder : path
-        Holds the files of cameras and images. What else a model holds is not read.
-
-    Returns
-    -------
-    list of View or str
-        In the order of their image ids, in the frame of the model; the reason where an image gives no view. Lens
-        distortion is ignored: the focal lengths and the principal point of each camera are kept.
-
-    Raises
-    ------
-    InputError
-        For a folder whose files are damaged or that holds no posed image.
+    folder: holds the files of cameras and images. What else a model holds is not read. Returns a list of View or str in
+    the order of their image ids, in the frame of the model; the reason where an image gives no view. Lens distortion is
+    ignored: the focal lengths and the principal point of each camera are kept. Raises InputError for a folder whose
+    files are damaged or that holds no posed image.
     """
     folder = Path(folder)
     if not is_colmap(folder):

@@ -40,18 +40,7 @@ _LARGEST_SCALE_LOG = 20.0  # PlayCanvas clips there, lest one flat splat coarsen
 def read(ply: Ply) -> Splats:
     """Read the splats of an opened PLY with a `chunk` element.
 
-    Parameters
-    ----------
-    ply : Ply
-
-    Returns
-    -------
-    Splats
-
-    Raises
-    ------
-    InputError
-        When parts are missing or short.
+    Raises InputError when parts are missing or short.
     """
     chunk, vertex = ply.elements["chunk"], ply.elements.get("vertex")
     color_bounded = "min_r" in chunk.properties
@@ -85,18 +74,8 @@ def read(ply: Ply) -> Splats:
 def write(path: str | os.PathLike[str], splats: Splats) -> None:
     """Write a compressed PLY (little-endian), row i being splat i; the file appears only once it is complete.
 
-    Parameters
-    ----------
-    path : path
-    splats : Splats
+    Warns with a DataWarning about splats, and about harmonics beyond +-4, that the format cannot hold.
 
-    Warns
-    -----
-    DataWarning
-        About splats, and about harmonics beyond +-4, that the format cannot hold.
-
-    Notes
-    -----
     A chunk takes 256 successive rows, so steps are as fine as these are close together: a file that was one keeps its
     values, one in the order of training gets steps of a thousandth of the scene (`Splats.in_spatial_order` helps).
     """

@@ -21,24 +21,8 @@ _SAMPLE = 65536
 def read(path: str | os.PathLike[str]) -> Splats:
     """Read a `.splat` file.
 
-    Parameters
-    ----------
-    path : path
-
-    Returns
-    -------
-    Splats
-        Without harmonics.
-
-    Raises
-    ------
-    InputError
-        When it cannot be one.
-
-    Warns
-    -----
-    DataWarning
-        About half a record at the end.
+    Returns Splats without harmonics. Raises InputError when it cannot be one. Warns with a DataWarning about half a
+    record at the end.
     """
     count, extra = divmod(os.path.getsize(path), _RECORD.itemsize)
     if count == 0:

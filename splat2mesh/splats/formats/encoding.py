@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...base.errors import DataWarning
+from ..cleaning import sound
 from ..harmonics import SH_C0
-from ..splats import ABSURD_LENGTH, Splats
+from ..splats import Splats
 
 _IDENTITY_WXYZ = np.array([1, 0, 0, 0], np.float32)
 
@@ -17,15 +18,7 @@ _IDENTITY_WXYZ = np.array([1, 0, 0, 0], np.float32)
 def sigmoid(logits: NDArray[Any]) -> NDArray[Any]:
     """Return the opacities of logits.
 
-    Parameters
-    ----------
-    logits : ndarray
-        Any shape.
-
-    Returns
-    -------
-    ndarray
-        In [0, 1]; infinite logits give exactly 0 and 1, NaN stays NaN.
+    logits: any shape. In [0, 1]; infinite logits give exactly 0 and 1, NaN stays NaN.
     """
     return 1 / (1 + np.exp(-logits))
 
@@ -33,15 +26,7 @@ def sigmoid(logits: NDArray[Any]) -> NDArray[Any]:
 def logit(opacities: ArrayLike) -> NDArray[np.float64]:
     """Return the logits of opacities.
 
-    Parameters
-    ----------
-    opacities : array-like
-        Any shape, in [0, 1].
-
-    Returns
-    -------
-    ndarray of float64
-        Finite: 0 and 1 count as their neighbours in float32.
+    opacities: any shape, in [0, 1]. Returns float64: finite: 0 and 1 count as their neighbours in float32.
     """
     info = np.finfo(np.float32)
     p = np.clip(np.asarray(opacities, np.float64), info.tiny, 1 - info.epsneg)
@@ -51,15 +36,7 @@ def logit(opacities: ArrayLike) -> NDArray[np.float64]:
 def sh_from_color(color_srgb: NDArray[Any]) -> NDArray[np.float32]:
     """Return the constant coefficients of colours.
 
-    Parameters
-    ----------
-    color_srgb : ndarray
-        Any shape, sRGB.
-
-    Returns
-    -------
-    ndarray of float32
-        The same shape.
+    color_srgb: any shape, sRGB. Returns float32: the same shape.
     """
     return ((color_srgb - 0.5) / SH_C0).astype(np.float32)
 
@@ -67,15 +44,7 @@ def sh_from_color(color_srgb: NDArray[Any]) -> NDArray[np.float32]:
 def color_from_sh(dc: ArrayLike) -> NDArray[np.float64]:
     """Return the colours of constant coefficients.
 
-    Parameters
-    ----------
-    dc : array-like
-        Any shape.
-
-    Returns
-    -------
-    ndarray of float64
-        The same shape, sRGB, not clipped.
+    dc: any shape. Returns float64: the same shape, sRGB, not clipped.
     """
     return np.asarray(dc, np.float64) * SH_C0 + 0.5
 
@@ -83,17 +52,8 @@ def color_from_sh(dc: ArrayLike) -> NDArray[np.float64]:
 def restore_largest(small: NDArray[Any], largest: NDArray[Any]) -> NDArray[np.float32]:
     """Restore unit quaternions from their three smaller components ("smallest three").
 
-    Parameters
-    ----------
-    small : ndarray, (N, 3)
-        The components that are left, in their order.
-    largest : ndarray of integers, (N,)
-        0 to 3, the place of the one left out.
-
-    Returns
-    -------
-    ndarray of float32, (N, 4)
-        In the same order, the restored component positive.
+    small: (N, 3), the components that are left, in their order. largest: (N,) integers, 0 to 3, the place of the one
+    left out. Returns (N, 4) float32: in the same order, the restored component positive.
     """
     quats = np.zeros((len(small), 4), np.float32)
     places = np.arange(3) + (np.arange(3) >= largest[:, None])
@@ -106,16 +66,8 @@ def restore_largest(small: NDArray[Any], largest: NDArray[Any]) -> NDArray[np.fl
 def smallest_three(quats: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.intp]]:
     """Take unit quaternions apart into what `restore_largest` takes.
 
-    Parameters
-    ----------
-    quats : ndarray, (N, 4)
-
-    Returns
-    -------
-    small : ndarray, (N, 3)
-        The sign is chosen such that the component left out is positive.
-    largest : ndarray of intp, (N,)
-        Place of the one left out, of equal ones the first.
+    quats: (N, 4). Returns small: (N, 3), the sign is chosen such that the component left out is positive; largest: (N,)
+    intp, place of the one left out, of equal ones the first.
     """
     largest = np.abs(quats).argmax(axis=1)
     sign = np.where(np.take_along_axis(quats, largest[:, None], axis=1) < 0, -1, 1)
@@ -126,15 +78,7 @@ def smallest_three(quats: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.intp]]
 def levels(fractions: ArrayLike, bits: int) -> NDArray[np.uint32]:
     """Round shares of a range to the nearest of 2^bits levels.
 
-    Parameters
-    ----------
-    fractions : array-like
-        Any shape; those outside [0, 1] count as its ends.
-    bits : int
-
-    Returns
-    -------
-    ndarray of uint32
+    fractions: any shape; those outside [0, 1] count as its ends. Returns uint32.
     """
     limit = (1 << bits) - 1
     return np.rint(np.clip(fractions, 0, 1) * limit).astype(np.uint32)
@@ -143,32 +87,11 @@ def levels(fractions: ArrayLike, bits: int) -> NDArray[np.uint32]:
 def hide_unusable(splats: Splats, path: str | os.PathLike[str]) -> tuple[Splats, NDArray[np.bool_]]:
     """Replace rows that a quantised format cannot hold, so that row i stays splat i.
 
-    Parameters
-    ----------
-    splats : Splats
-    path : path
-        Of the file, for the warning.
-
-    Returns
-    -------
-    splats : Splats
-        Rows that no renderer draws (a value that is not finite, a length beyond `ABSURD_LENGTH`, no extent, a zero
-        quaternion) are transparent splats at the origin.
-    usable : ndarray of bool, (N,)
-        The other rows.
-
-    Warns
-    -----
-    DataWarning
-        With the number of rows replaced.
+    path: of the file, for the warning. Returns splats: rows that no renderer draws (a value that is not finite, a
+    length beyond `ABSURD_LENGTH`, no extent, a zero quaternion) are transparent splats at the origin; usable: (N,)
+    bool, the other rows. Warns with a DataWarning with the number of rows replaced.
     """
-    n = len(splats)
-    values = (splats.means, splats.scales, splats.quats_wxyz, splats.opacities, splats.sh)
-    usable = np.logical_and.reduce([np.isfinite(value.reshape(n, -1)).all(axis=1) for value in values])
-    with np.errstate(invalid="ignore"):
-        usable &= (np.abs(splats.means).max(axis=1) <= ABSURD_LENGTH) & splats.quats_wxyz.any(axis=1)
-        usable &= (splats.scales.min(axis=1) >= 0) & (splats.scales.max(axis=1) > 0)
-        usable &= splats.scales.max(axis=1) <= ABSURD_LENGTH
+    n, usable = len(splats), sound(splats)
     if usable.all():
         return splats, usable
     lost = n - np.count_nonzero(usable)
@@ -185,13 +108,7 @@ def hide_unusable(splats: Splats, path: str | os.PathLike[str]) -> tuple[Splats,
 def warn_clipped(clipped: NDArray[np.bool_], path: str | os.PathLike[str], what: str) -> None:
     """Count, in one DataWarning, the rows whose values a format cannot hold.
 
-    Parameters
-    ----------
-    clipped : ndarray of bool, (N, ...)
-    path : path
-        Of the file.
-    what : str
-        What the values are.
+    clipped: (N, ...) bool. path: of the file. what: what the values are.
     """
     rows = np.count_nonzero(clipped.reshape(len(clipped), -1).any(axis=1))
     if rows:
@@ -201,14 +118,7 @@ def warn_clipped(clipped: NDArray[np.bool_], path: str | os.PathLike[str], what:
 def warn_beyond(path: str | os.PathLike[str], count: int, degree: int) -> None:
     """Count, in one DataWarning, the splats whose harmonics beyond the third degree are left out.
 
-    Parameters
-    ----------
-    path : path
-        Of the file.
-    count : int
-        Of its splats.
-    degree : int
-        Of their harmonics.
+    path: of the file. count: of its splats. degree: of their harmonics.
     """
     message = f"{path}: dropped the harmonics above degree 3 of {count} splats, whose degree is {degree}"
     warnings.warn(message, DataWarning, stacklevel=4)

@@ -88,14 +88,7 @@ class _Sketch:
 def trained_in(folder: Path) -> list[Path]:
     """Find the checkpoints in the output folder of INRIA's trainer, or in its folder point_cloud, oldest first.
 
-    Parameters
-    ----------
-    folder : Path
-
-    Returns
-    -------
-    list of Path
-        Of point_cloud.ply files; empty for any other folder.
+    Returns a list of Path of point_cloud.ply files; empty for any other folder.
     """
     found = {}
     for above in (folder / "point_cloud", folder):
@@ -111,26 +104,9 @@ def trained_in(folder: Path) -> list[Path]:
 def meant(folder: Path, files: Sequence[Path], read: dict[Path, Splats] | None = None) -> tuple[tuple[Path, ...], str]:
     """Choose the files that a folder stands for.
 
-    Parameters
-    ----------
-    folder : Path
-        For messages.
-    files : sequence of Path
-        The splat files in it, at least one.
-    read : dict, optional
-        Takes what had to be read as a whole to choose: path to Splats.
-
-    Returns
-    -------
-    files : tuple of Path
-        In their order.
-    note : str
-        What was left out and why, or "".
-
-    Raises
-    ------
-    InputError
-        For frames of a sequence, for files in the same place that are neither tiles nor copies, and for a broken file.
+    folder: for messages. files: the splat files in it, at least one. read: takes what had to be read as a whole to
+    choose: path to Splats. Returns files: in their order; note: what was left out and why, or "". Raises InputError for
+    frames of a sequence, for files in the same place that are neither tiles nor copies, and for a broken file.
     """
     if len(files) < 2:
         return tuple(files), ""

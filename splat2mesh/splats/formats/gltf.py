@@ -43,24 +43,9 @@ _UP = similarity(rotation=np.diag([1.0, -1.0, -1.0]))
 def read(path: str | os.PathLike[str]) -> Splats:
     """Read the splats of a .glb or .gltf file.
 
-    Parameters
-    ----------
-    path : path
-
-    Returns
-    -------
-    Splats
-        Of all nodes of the shown scene, placed by them.
-
-    Raises
-    ------
-    InputError
-        For a file without splats, a damaged one, and a node that stretches or mirrors its splats.
-
-    Warns
-    -----
-    DataWarning
-        About meshes, which are left out, and about colours that are converted.
+    Returns Splats of all nodes of the shown scene, placed by them. Raises InputError for a file without splats, a
+    damaged one, and a node that stretches or mirrors its splats. Warns with a DataWarning about meshes, which are left
+    out, and about colours that are converted.
     """
     data = GltfData(Path(path), meshless=True)
     order, parent, shown = hierarchy(data)
@@ -91,16 +76,7 @@ def read(path: str | os.PathLike[str]) -> Splats:
 
 
 def holds_splats(primitive: Any) -> bool:
-    """Return whether a primitive is of splats.
-
-    Parameters
-    ----------
-    primitive : Record
-
-    Returns
-    -------
-    bool
-    """
+    """Return whether a primitive is of splats."""
     names = primitive.extensions or {}
     return any(name == SPLATS or (_SPZ in name and "splat" in name) for name in names)
 

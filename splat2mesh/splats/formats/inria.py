@@ -40,27 +40,9 @@ _BLOCK = 8192
 def read(ply: Ply, part: slice | None = None, offset: Vector3 | None = None) -> Splats:
     """Read the splats of an opened PLY.
 
-    Parameters
-    ----------
-    ply : Ply
-    part : slice or None
-        Of its rows; None takes all.
-    offset : (x, y, z) or None
-        Taken off the means; None is that of `offset_of`.
-
-    Returns
-    -------
-    Splats
-
-    Raises
-    ------
-    InputError
-        When it is a mesh, a point cloud, empty or cut short.
-
-    Warns
-    -----
-    DataWarning
-        About harmonics beyond the third degree.
+    part: of its rows; None takes all. offset: (x, y, z) or None, taken off the means; None is that of `offset_of`.
+    Raises InputError when it is a mesh, a point cloud, empty or cut short. Warns with a DataWarning about harmonics
+    beyond the third degree.
     """
     names = ply.elements["vertex"].properties if "vertex" in ply.elements else {}
     colors = next((each for each in _COLORS if names.keys() >= set(each)), ()) if _DC[0] not in names else ()
@@ -99,29 +81,13 @@ def read(ply: Ply, part: slice | None = None, offset: Vector3 | None = None) -> 
 def offset_of(ply: Ply) -> Vector3:
     """Find what has to be taken off the coordinates of a PLY before they are float32.
 
-    Parameters
-    ----------
-    ply : Ply
-
-    Returns
-    -------
-    (x, y, z)
-        Whole numbers; 0 unless the file holds doubles that float32 would coarsen.
+    Returns (x, y, z): whole numbers; 0 unless the file holds doubles that float32 would coarsen.
     """
     return _offset_of(ply, ply.rows("vertex")) if is_double(ply) else HERE
 
 
 def is_double(ply: Ply) -> bool:
-    """Return whether the coordinates of a splat are float64.
-
-    Parameters
-    ----------
-    ply : Ply
-
-    Returns
-    -------
-    bool
-    """
+    """Return whether the coordinates of a splat are float64."""
     names = ply.elements["vertex"].properties if "vertex" in ply.elements else {}
     return all(names.get(name) == "f8" for name in _CENTER) and "scale_0" in names
 
@@ -159,13 +125,8 @@ def _white(code: str) -> float:
 def write_inria_ply(path: str | os.PathLike[str], splats: Splats, normals: NDArray[Any] | None = None) -> None:
     """Write an INRIA PLY (little-endian float32); the file appears under its name only once it is complete.
 
-    Parameters
-    ----------
-    path : path
-    splats : Splats
-        Opacities of exactly 0 and 1 are written as the nearest finite logits; a splat of degree 0 gets no f_rest.
-    normals : ndarray, (N, 3), or None
-        For `nx ny nz`, which mean nothing to most programs; zeros without.
+    splats: opacities of exactly 0 and 1 are written as the nearest finite logits; a splat of degree 0 gets no f_rest.
+    normals: (N, 3), or None, for `nx ny nz`, which mean nothing to most programs; zeros without.
     """
     with staged_file(path) as staging, open(staging, "wb") as file:
         for block in _blocks(splats, normals):
@@ -173,30 +134,14 @@ def write_inria_ply(path: str | os.PathLike[str], splats: Splats, normals: NDArr
 
 
 def inria_ply_bytes(splats: Splats) -> bytes:
-    """Return the file that `write_inria_ply` writes.
-
-    Parameters
-    ----------
-    splats : Splats
-
-    Returns
-    -------
-    bytes
-    """
+    """Return the file that `write_inria_ply` writes."""
     return b"".join(_blocks(splats))
 
 
 def properties_of(coefficients: int) -> list[str]:
     """Return the names of the properties of a file, in their order.
 
-    Parameters
-    ----------
-    coefficients : int
-        K of its harmonics.
-
-    Returns
-    -------
-    list of str
+    coefficients: K of its harmonics.
     """
     rest = [f"f_rest_{i}" for i in range(3 * (coefficients - 1))]
     names = [*_CENTER, "nx", "ny", "nz", *_DC, *rest, "opacity", "scale_0", "scale_1", "scale_2"]
@@ -206,20 +151,7 @@ def properties_of(coefficients: int) -> list[str]:
 def header_of(count: int, names: Iterable[str], facts: FileFacts = NO_FACTS, double: bool = False) -> bytes:
     """Return the header of a binary file whose rows are float32.
 
-    Parameters
-    ----------
-    count : int
-        Of its rows.
-    names : iterable of str
-        Of its properties.
-    facts : FileFacts
-        Comments say them.
-    double : bool
-        Whether x y z are float64.
-
-    Returns
-    -------
-    bytes
+    count: of its rows. names: of its properties. facts: comments say them. double: whether x y z are float64.
     """
     lines = ["ply", "format binary_little_endian 1.0", *(f"comment {each}" for each in comments_of(facts))]
     lines.append(f"element vertex {count}")
@@ -228,17 +160,7 @@ def header_of(count: int, names: Iterable[str], facts: FileFacts = NO_FACTS, dou
 
 
 def row_type(names: Iterable[str], double: bool = False) -> np.dtype:
-    """Return the structured type of the rows under `header_of`.
-
-    Parameters
-    ----------
-    names : iterable of str
-    double : bool
-
-    Returns
-    -------
-    dtype
-    """
+    """Return the structured type of the rows under `header_of`."""
     return np.dtype([(name, "<f8" if double and name in _CENTER else "<f4") for name in names])
 
 
@@ -261,24 +183,8 @@ def _blocks(splats: Splats, normals: NDArray[Any] | None = None) -> Iterator[byt
 def coefficients(path: str | os.PathLike[str], names: Iterable[str]) -> tuple[int, int]:
     """Count the coefficients per channel that the f_rest_* of a file make up.
 
-    Parameters
-    ----------
-    path : path
-        Of the file, for the message.
-    names : iterable of str
-        Of its properties.
-
-    Returns
-    -------
-    read : int
-        K to read: 1, 4, 9 or 16.
-    found : int
-        Of the file, a key of `DEGREES`.
-
-    Raises
-    ------
-    InputError
-        Where no degree fits.
+    path: of the file, for the message. names: of its properties. Returns read: K to read: 1, 4, 9 or 16; found: of the
+    file, a key of `DEGREES`. Raises InputError where no degree fits.
     """
     rest = {name for name in names if name.startswith("f_rest_")}
     k = 1 + len(rest) // 3
@@ -292,16 +198,8 @@ def coefficients(path: str | os.PathLike[str], names: Iterable[str]) -> tuple[in
 def rest_columns(sh: NDArray[np.float32], found: int) -> dict[str, NDArray[np.float32]]:
     """Find the index of each f_rest_* property.
 
-    Parameters
-    ----------
-    sh : ndarray of float32, (N, K, 3)
-    found : int
-        Coefficients per channel in the file, K or more.
-
-    Returns
-    -------
-    dict of str to ndarray, (N,)
-        Name to a view into `sh`.
+    sh: (N, K, 3) float32. found: coefficients per channel in the file, K or more. Returns dict of str to (N,): name to
+    a view into `sh`.
     """
     return {f"f_rest_{c * (found - 1) + j}": sh[:, 1 + j, c] for c in range(3) for j in range(sh.shape[1] - 1)}
 
@@ -311,14 +209,8 @@ def gather(
 ) -> None:
     """Copy fields of a structured array into float32 columns, block by block.
 
-    Parameters
-    ----------
-    rows : structured ndarray, (N,)
-        As `Ply.rows` gives them.
-    columns : dict of str to ndarray, (N,)
-        Name of a field to the array to fill.
-    less : dict of str to float, optional
-        What is taken off a field first, in its own precision.
+    rows: (N,), as `Ply.rows` gives them. columns: dict of str to (N,), name of a field to the array to fill. less: what
+    is taken off a field first, in its own precision.
     """
     less = {name: value for name, value in (less or {}).items() if value}
     for start, block in blocks(rows, _BLOCK):

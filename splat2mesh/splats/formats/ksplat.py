@@ -33,14 +33,7 @@ _COMPONENTS = 0, 9, 24, 45
 def looks_like(head: bytes) -> bool:
     """Return whether the first bytes of a file can be those of a `.ksplat`, which has no mark of its own.
 
-    Parameters
-    ----------
-    head : bytes
-        At least `_HEADER.size` of them.
-
-    Returns
-    -------
-    bool
+    head: at least `_HEADER.size` of them.
     """
     if len(head) < _HEADER.size:
         return False
@@ -51,18 +44,7 @@ def looks_like(head: bytes) -> bool:
 def read(path: str | os.PathLike[str]) -> Splats:
     """Read a `.ksplat` file.
 
-    Parameters
-    ----------
-    path : path
-
-    Returns
-    -------
-    Splats
-
-    Raises
-    ------
-    InputError
-        When it is of another version, damaged or cut short.
+    Raises InputError when it is of another version, damaged or cut short.
     """
     size = file_size(path, "splat file")
     with open(path, "rb") as file:

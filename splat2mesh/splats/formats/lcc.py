@@ -46,17 +46,9 @@ _TURN = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 class LccFile:
     """The checked content of a meta.lcc and its index.
 
-    Attributes
-    ----------
-    path : Path
-    counts : tuple of int
-        The splats of each level.
-    units : ndarray of int64, (U, levels, 2)
-        Splats of each unit and level, and the byte of the first in data.bin.
-    bounds : dict of str to ndarray, (2, 3)
-        Of scales and harmonics, those of the environment too.
-    has_rest : bool
-        Whether there are harmonics.
+    counts: the splats of each level. units: (U, levels, 2) int64, Splats of each unit and level, and the byte of the
+    first in data.bin. bounds: dict of str to (2, 3), of scales and harmonics, those of the environment too. has_rest:
+    whether there are harmonics.
     """
 
     path: Path
@@ -86,18 +78,7 @@ def beside(path: Path, name: str) -> Path:
 def open_lcc(path: str | os.PathLike[str]) -> LccFile:
     """Read a meta.lcc and its index.
 
-    Parameters
-    ----------
-    path : path
-
-    Returns
-    -------
-    LccFile
-
-    Raises
-    ------
-    InputError
-        Where a file is missing, damaged, or of another size than the index says.
+    Raises InputError where a file is missing, damaged, or of another size than the index says.
     """
     path = Path(path)
     try:
@@ -161,22 +142,8 @@ def _check_sizes(path: Path, units: NDArray[np.int64], has_rest: bool) -> None:
 def read(path: str | os.PathLike[str], lod: int | str = "auto") -> Splats:
     """Read one level of an LCC scene, and its environment.
 
-    Parameters
-    ----------
-    path : path
-        Of the meta.lcc.
-    lod : int or "auto"
-        As for a streamed SOG.
-
-    Returns
-    -------
-    Splats
-        Unit after unit; the environment comes last and is marked so.
-
-    Raises
-    ------
-    InputError
-        As `open_lcc` does.
+    path: of the meta.lcc. lod: as for a streamed SOG. Returns Splats: unit after unit; the environment comes last and
+    is marked so. Raises InputError as `open_lcc` does.
     """
     scene = open_lcc(path)
     level = scene.level(lod)

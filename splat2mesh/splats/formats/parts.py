@@ -22,24 +22,11 @@ _LEVEL = re.compile(r"^(\d+)_\d+$|(?<![a-z])lod[ _.-]?(\d+)", re.IGNORECASE)
 class Parts:
     """The splat files that make up one capture.
 
-    Attributes
-    ----------
-    tiles : tuple of Path
-        In the order in which their rows stand.
-    counts : tuple of int or None
-        The rows that each must have, None where nothing says it.
-    environment : Path or None
-        The splats that the capture keeps apart as its surroundings, whose rows come last.
-    described_by : Path or None
-        The lod-meta.json.
-    level : int or None
-        Of detail, 0 the finest; None where there are no levels.
-    level_counts : tuple of int
-        The splats of every level, () where there are no levels.
-    beside : tuple of Path
-        Other files that are read with them.
-    note : str
-        What the folder holds and is left out, and why; "" where nothing is.
+    tiles: in the order in which their rows stand. counts: the rows that each must have, None where nothing says it.
+    environment: the splats that the capture keeps apart as its surroundings, whose rows come last. described_by: the
+    lod-meta.json. level: of detail, 0 the finest; None where there are no levels. level_counts: the splats of every
+    level, () where there are no levels. beside: other files that are read with them. note: what the folder holds and is
+    left out, and why; "" where nothing is.
     """
 
     tiles: tuple[Path, ...]
@@ -61,25 +48,11 @@ class Parts:
 def parts_of(path: str | os.PathLike[str], lod: int | str = "auto", read: dict[Path, Splats] | None = None) -> Parts:
     """Find the files that a splat path stands for.
 
-    Parameters
-    ----------
-    path : path
-        A splat file, a lod-meta.json, or a folder: of a streamed SOG, of an unbundled SOG, of an LCC scene, the output
-        of INRIA's trainer, or of tiles, which are its splat files and unbundled SOGs in the order of their names. Of
-        files in the same place one counts, see `folders`.
-    lod : int or "auto"
-        Level of a streamed SOG or an LCC scene.
-    read : dict, optional
-        Takes files that had to be read to tell what a folder means: path to Splats.
-
-    Returns
-    -------
-    Parts
-
-    Raises
-    ------
-    InputError
-        When there is nothing, when a tile that is named is missing, or when `lod` has no meaning here.
+    path: a splat file, a lod-meta.json, or a folder: of a streamed SOG, of an unbundled SOG, of an LCC scene, the
+    output of INRIA's trainer, or of tiles, which are its splat files and unbundled SOGs in the order of their names. Of
+    files in the same place one counts, see `folders`. lod: level of a streamed SOG or an LCC scene. read: takes files
+    that had to be read to tell what a folder means: path to Splats. Raises InputError when there is nothing, when a
+    tile that is named is missing, or when `lod` has no meaning here.
     """
     path = Path(path)
     lod = check_lod(lod)

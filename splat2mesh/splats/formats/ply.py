@@ -37,14 +37,8 @@ _ODD_INFINITY = re.compile(r"(?<!\S)([-+]?)\d\.#INF\w*(?!\S)", re.IGNORECASE)
 class Element:
     """One element of a header.
 
-    Attributes
-    ----------
-    count : int
-        Of its rows.
-    properties : dict of str to str
-        The NumPy type code of each property, or "list".
-    lists : dict of str to (str, str)
-        Property to the type codes of its list's length and of its items.
+    count: of its rows. properties: the NumPy type code of each property, or "list". lists: dict of str to (str, str),
+    property to the type codes of its list's length and of its items.
     """
 
     count: int
@@ -63,17 +57,8 @@ class Element:
 class Ply:
     """A PLY file whose header has been read.
 
-    Attributes
-    ----------
-    path : Path
-    format : str
-        "ascii", "binary_little_endian" or "binary_big_endian".
-    elements : dict of str to Element
-        In file order.
-    body : int
-        Byte offset of the first row.
-    comments : list of str
-        Without the word that marks them.
+    format: "ascii", "binary_little_endian" or "binary_big_endian". elements: in file order. body: byte offset of the
+    first row. comments: without the word that marks them.
     """
 
     def __init__(
@@ -86,18 +71,7 @@ class Ply:
     def open(cls, path: str | os.PathLike[str]) -> "Ply":
         """Read the header of a file.
 
-        Parameters
-        ----------
-        path : path
-
-        Returns
-        -------
-        Ply
-
-        Raises
-        ------
-        InputError
-            For a header that is malformed or cut short.
+        Raises InputError for a header that is malformed or cut short.
         """
         path = Path(path)
         format: str | None = None
@@ -146,25 +120,8 @@ class Ply:
     def rows(self, name: str) -> NDArray[Any]:
         """Read the rows of an element.
 
-        Parameters
-        ----------
-        name : str
-            Of the element.
-
-        Returns
-        -------
-        structured ndarray, (count,)
-            Memory-mapped when the file is binary.
-
-        Raises
-        ------
-        InputError
-            When the file is shorter than its header says.
-
-        Warns
-        -----
-        DataWarning
-            When bytes follow the last row.
+        name: of the element. Returns (count,): memory-mapped when the file is binary. Raises InputError when the file
+        is shorter than its header says. Warns with a DataWarning when bytes follow the last row.
         """
         element = self.elements[name]
         if element.has_lists:
@@ -228,17 +185,7 @@ def _plain_numbers(line: str) -> str:
 def some_rows(rows: NDArray[Any], starts: list[int], size: int) -> list[NDArray[Any]]:
     """Take runs of the rows of a Ply; mapped ones are read from their file, as `blocks` does.
 
-    Parameters
-    ----------
-    rows : structured ndarray
-    starts : list of int
-        Of the runs.
-    size : int
-        Rows of each, at most.
-
-    Returns
-    -------
-    list of structured ndarray
+    starts: of the runs. size: rows of each, at most.
     """
     if not isinstance(rows, np.memmap):
         return [rows[start : start + size] for start in starts]
@@ -253,18 +200,8 @@ def some_rows(rows: NDArray[Any], starts: list[int], size: int) -> list[NDArray[
 def blocks(rows: NDArray[Any], size: int) -> Iterator[tuple[int, NDArray[Any]]]:
     """Go through the rows of a Ply, at most `size` at a time.
 
-    Parameters
-    ----------
-    rows : structured ndarray
-        As `Ply.rows` gives them. Mapped rows are read from their file instead: a file of many gigabytes would count as
-        memory once gone through.
-    size : int
-
-    Yields
-    ------
-    first : int
-        Index of the first row.
-    block : structured ndarray
+    rows: as `Ply.rows` gives them. Mapped rows are read from their file instead: a file of many gigabytes would count
+    as memory once gone through. Yields first: index of the first row; block.
     """
     if not isinstance(rows, np.memmap):
         yield from ((start, rows[start : start + size]) for start in range(0, len(rows), size))

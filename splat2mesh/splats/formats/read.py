@@ -19,31 +19,14 @@ from .register import kind_of_file, reader_of
 def read_splats(path: str | os.PathLike[str], lod: int | str = "auto") -> Splats:
     """Read any supported splat, of the formats in `register.FORMATS`, or many tiles.
 
-    Parameters
-    ----------
-    path : path
-        A file; for SOG also the folder that holds meta.json, or that meta.json; the lod-meta.json of a streamed SOG, or
-        its folder; a folder of splat files, which are joined in the order of their names, unless they are the same
-        thing (see `parts.parts_of`).
-    lod : int or "auto"
-        Level of a streamed SOG or an LCC scene, 0 being the finest, or "auto", the finest of at most
-        `streamed.SPLAT_BUDGET` splats.
-
-    Returns
-    -------
-    Splats
-        In the frame of an INRIA PLY, not yet cleaned: rows may hold NaN, or be invisible. Rows stand in the order of
-        the tiles; the environment of a streamed SOG comes last and is marked so.
-
-    Raises
-    ------
-    InputError
-        When a file is missing, empty, cut short, or of another kind: no tile is skipped.
-
-    Warns
-    -----
-    DataWarning
-        When "auto" passes over a finer level, where one file is taken of several, and about what is left out.
+    path: a file; for SOG also the folder that holds meta.json, or that meta.json; the lod-meta.json of a streamed SOG,
+    or its folder; a folder of splat files, which are joined in the order of their names, unless they are the same thing
+    (see `parts.parts_of`). lod: level of a streamed SOG or an LCC scene, 0 being the finest, or "auto", the finest of
+    at most `streamed.SPLAT_BUDGET` splats. Returns Splats in the frame of an INRIA PLY, not yet cleaned: rows may hold
+    NaN, or be invisible. Rows stand in the order of the tiles; the environment of a streamed SOG comes last and is
+    marked so. Raises InputError when a file is missing, empty, cut short, or of another kind: no tile is skipped. Warns
+    with a DataWarning when "auto" passes over a finer level, where one file is taken of several, and about what is left
+    out.
     """
     path = Path(path)
     check_special(path)
@@ -85,19 +68,7 @@ def _say_coarser(path: Path, level: int, counts: tuple[int, ...]) -> None:
 def kind_of(path: str | os.PathLike[str]) -> str:
     """Recognise the format of a splat by its content.
 
-    Parameters
-    ----------
-    path : path
-
-    Returns
-    -------
-    str
-        A kind of `register.FORMATS`, or "tiles".
-
-    Raises
-    ------
-    InputError
-        For what is none of them.
+    Returns a kind of `register.FORMATS`, or "tiles". Raises InputError for what is none of them.
     """
     path = Path(path)
     check_special(path)

@@ -25,26 +25,11 @@ CONVERTER = "npx @playcanvas/splat-transform"
 class Format:
     """One format of splats.
 
-    Attributes
-    ----------
-    kind : str
-        Its name here; of one that is written also the suffix.
-    title : str
-        For messages and documents.
-    suffixes : tuple of str
-        By which it is recognised where its content has no mark.
-    read : callable or None
-        Takes a path.
-    write : callable or None
-        Takes a path and Splats.
-    instead : str
-        Where it is not read or not written: why not, and what to do.
-    exactness : int
-        Rank among files of the same splats, of which the lowest is read.
-    tag : str
-        Where the file says that its splats were trained for an anti-aliasing rasteriser.
-    frame : str
-        Its axes.
+    kind: its name here; of one that is written also the suffix. title: for messages and documents. suffixes: by which
+    it is recognised where its content has no mark. read: takes a path. write: takes a path and Splats. instead: where
+    it is not read or not written: why not, and what to do. exactness: rank among files of the same splats, of which the
+    lowest is read. tag: where the file says that its splats were trained for an anti-aliasing rasteriser. frame: its
+    axes.
     """
 
     kind: str
@@ -177,6 +162,17 @@ FORMATS = (
 
 BY_KIND = {each.kind: each for each in FORMATS}
 
+_MARKS: tuple[tuple[str, Callable[[bytes, str], bool]], ...] = (
+    ("spz", lambda head, suffix: head.startswith((b"\x1f\x8b", spz.MAGIC))),
+    ("glb", lambda head, suffix: head.startswith(gltf.MAGIC) or suffix == ".gltf"),
+    ("usd", lambda head, suffix: head.startswith(usd.MARKS) or (head.startswith(sog.ZIP) and suffix == ".usdz")),
+    ("lcc", lambda head, suffix: head.lstrip().startswith(b"{") and suffix == lcc.SUFFIX),
+    ("sog", lambda head, suffix: head.startswith(sog.ZIP) or head.lstrip().startswith(b"{")),
+    ("splat", lambda head, suffix: suffix == ".splat"),
+    ("ksplat", lambda head, suffix: suffix == ".ksplat" or (not suffix and ksplat.looks_like(head))),
+)
+"""By the first bytes of a file and its suffix, in the order in which they are asked."""
+
 KINDS = (
     "an INRIA or compressed .ply, a .splat, a .ksplat, a .spz, a .sog (also as a folder with meta.json), "
     "a .glb or .gltf with KHR_gaussian_splatting, a .usd, an .lcc, the lod-meta.json of a streamed SOG, "
@@ -188,19 +184,8 @@ KINDS = (
 def kind_of_file(path: Path) -> str:
     """Recognise one splat file, or the folder of an unbundled SOG, by its content.
 
-    Parameters
-    ----------
-    path : Path
-
-    Returns
-    -------
-    str
-        The kind of a Format that is read.
-
-    Raises
-    ------
-    InputError
-        For what is none, with the reason, or what to do, where its format is known.
+    Returns the kind of a Format that is read. Raises InputError for what is none, with the reason, or what to do, where
+    its format is known.
     """
     if not path.exists():
         raise InputError(f"{path} does not exist: expected {KINDS}")
@@ -217,34 +202,14 @@ def kind_of_file(path: Path) -> str:
         raise InputError(f"{path} is a {known.title}, which is {known.instead}")
     if head.split(b"\n")[0].strip() == b"ply":
         return "compressed.ply" if "chunk" in Ply.open(path).elements else "ply"
-    if head.startswith((b"\x1f\x8b", spz.MAGIC)):
-        return "spz"
-    if head.startswith(gltf.MAGIC) or suffix == ".gltf":
-        return "glb"
-    if head.startswith(usd.MARKS) or (head.startswith(sog.ZIP) and suffix == ".usdz"):
-        return "usd"
-    if head.lstrip().startswith(b"{") and suffix == lcc.SUFFIX:
-        return "lcc"
-    if head.startswith(sog.ZIP) or head.lstrip().startswith(b"{"):
-        return "sog"
-    if suffix == ".splat":
-        return "splat"
-    if suffix == ".ksplat" or (not suffix and ksplat.looks_like(head)):
-        return "ksplat"
+    for kind, shows in _MARKS:
+        if shows(head, suffix):
+            return kind
     raise InputError(f"{path} is not a splat file (it starts with {head[:12]!r}): expected {KINDS}")
 
 
 def looks_like_splat(path: Path) -> bool:
-    """Return whether a file is meant as a splat, rather than as a mesh, by its content; does not validate it.
-
-    Parameters
-    ----------
-    path : Path
-
-    Returns
-    -------
-    bool
-    """
+    """Return whether a file is meant as a splat, rather than as a mesh, by its content; does not validate it."""
     suffix = path.suffix.lower()
     with open(path, "rb") as file:
         head = file.read(_HEADER_BYTES)
@@ -259,15 +224,7 @@ def looks_like_splat(path: Path) -> bool:
 def reader_of(kind: str) -> Callable[[Path], Splats]:
     """Return what reads a kind.
 
-    Parameters
-    ----------
-    kind : str
-        As `kind_of_file` returns it.
-
-    Returns
-    -------
-    callable
-        Takes a path.
+    kind: as `kind_of_file` returns it. It takes a path.
     """
     found = BY_KIND[kind].read
     assert found is not None  # `kind_of_file` refuses others

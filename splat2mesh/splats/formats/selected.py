@@ -20,18 +20,9 @@ _COUNT = re.compile(rb"^(\s*element\s+vertex\s+)\d+", re.MULTILINE)
 def write_selected(path: str | os.PathLike[str], source: str | os.PathLike[str], keep: Mask) -> None:
     """Write the PLY `source` with some of its vertices; the file appears only once it is complete.
 
-    Parameters
-    ----------
-    path : path
-    source : path
-        A PLY, ascii or binary. Its header stays except for the number of vertices, and so do its other elements.
-    keep : ndarray of bool, (N,)
-        Which of its N vertices stay.
-
-    Raises
-    ------
-    InputError
-        When the source holds another number of vertices, or is cut short.
+    source: a PLY, ascii or binary. Its header stays except for the number of vertices, and so do its other elements.
+    keep: (N,) bool, which of its N vertices stay. Raises InputError when the source holds another number of vertices,
+    or is cut short.
     """
     ply = Ply.open(source)
     count = ply.elements["vertex"].count if "vertex" in ply.elements else 0

@@ -43,21 +43,8 @@ _FIRST_QUAT_TAG = 252  # alpha of the quaternion image: this plus the index of t
 def read_folder(folder: Path, meta_name: str = META) -> Splats:
     """Read an unbundled SOG.
 
-    Parameters
-    ----------
-    folder : Path
-        Holds the images.
-    meta_name : str
-        Of the JSON that names them.
-
-    Returns
-    -------
-    Splats
-
-    Raises
-    ------
-    InputError
-        When a part is missing or unusable.
+    folder: holds the images. meta_name: of the JSON that names them. Raises InputError when a part is missing or
+    unusable.
     """
     if not (folder / meta_name).is_file():
         raise InputError(f"{folder} is a folder without {META}: expected a splat file or an unbundled SOG folder")
@@ -76,18 +63,7 @@ def read_folder(folder: Path, meta_name: str = META) -> Splats:
 def read_bundle(path: AnyPath) -> Splats:
     """Read a `.sog` zip.
 
-    Parameters
-    ----------
-    path : path
-
-    Returns
-    -------
-    Splats
-
-    Raises
-    ------
-    InputError
-        When it is damaged or lacks a part.
+    Raises InputError when it is damaged or lacks a part.
     """
     size = file_size(path, "splat file")
     try:

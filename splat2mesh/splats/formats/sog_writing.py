@@ -39,17 +39,8 @@ They take two thirds of the time."""
 def write(path: str | os.PathLike[str], splats: Splats, shapes: Shapes = lambda splats, make: make()) -> None:
     """Write a SOG in one file, a zip, row i being splat i; the file appears only once it is complete.
 
-    Parameters
-    ----------
-    path : path
-    splats : Splats
-        Their neighbours in space are best neighbours in the file, too, which makes it smaller: `Splats.spatial_order`.
-    shapes : Shapes
-
-    Warns
-    -----
-    DataWarning
-        As `sog_files`.
+    splats: their neighbours in space are best neighbours in the file, too, which makes it smaller:
+    `Splats.spatial_order`. Warns with a DataWarning as `sog_files`.
     """
     files = sog_files(splats, os.fspath(path), shapes)
     with staged_file(path) as staging, zipfile.ZipFile(staging, "w") as archive:  # images are compressed already
@@ -60,23 +51,9 @@ def write(path: str | os.PathLike[str], splats: Splats, shapes: Shapes = lambda 
 def sog_files(splats: Splats, path: str = "splats", shapes: Shapes = lambda splats, make: make()) -> dict[str, bytes]:
     """Make the files of an unbundled SOG, row i being splat i.
 
-    Parameters
-    ----------
-    splats : Splats
-    path : str
-        What warnings call it.
-    shapes : Shapes
-
-    Returns
-    -------
-    dict of str to bytes
-        By file name; the same splats give the same bytes.
-
-    Warns
-    -----
-    DataWarning
-        Of splats that hold no finite values, which go out as transparent ones, and of harmonics, which are left out:
-        each splat keeps its colour without a direction.
+    path: what warnings call it. Returns a dict of str to bytes by file name; the same splats give the same bytes. Warns
+    with a DataWarning of splats that hold no finite values, which go out as transparent ones, and of harmonics, which
+    are left out: each splat keeps its colour without a direction.
     """
     if splats.degree:
         warnings.warn(f"{path}: the harmonics of {len(splats)} splats were left out", DataWarning, stacklevel=2)

@@ -48,19 +48,7 @@ GZIP = 31  # window bits of zlib that make its stream a gzip one, with no name a
 def read(path: AnyPath) -> Splats:
     """Read an `.spz` file.
 
-    Parameters
-    ----------
-    path : path
-
-    Returns
-    -------
-    Splats
-        In the frame of a PLY.
-
-    Raises
-    ------
-    InputError
-        When it is no SPZ, too new, damaged or cut short.
+    Returns Splats in the frame of a PLY. Raises InputError when it is no SPZ, too new, damaged or cut short.
     """
     file_size(path, "splat file")
     return read_bytes(path, Path(path).read_bytes())
@@ -69,25 +57,8 @@ def read(path: AnyPath) -> Splats:
 def read_bytes(path: AnyPath, data: bytes) -> Splats:
     """Read an SPZ that lies in another file.
 
-    Parameters
-    ----------
-    path : path
-        Of that file, for messages.
-    data : bytes
-
-    Returns
-    -------
-    Splats
-
-    Raises
-    ------
-    InputError
-        As `read` does.
-
-    Warns
-    -----
-    DataWarning
-        About records of extensions that are left out, and harmonics beyond the third degree.
+    path: of that file, for messages. Raises InputError as `read` does. Warns with a DataWarning about records of
+    extensions that are left out, and harmonics beyond the third degree.
     """
     try:
         header, sections, records = (_open_v4 if data.startswith(MAGIC) else _open_gzip)(path, data)

@@ -25,19 +25,9 @@ _FAR_SHARE = 0.001  # of the splats, which may be clipped rather than coarsen al
 def write(path: str | os.PathLike[str], splats: Splats) -> None:
     """Write an SPZ of version 3, row i being splat i; the file appears only once it is complete.
 
-    Parameters
-    ----------
-    path : path
-    splats : Splats
-        In the frame of a PLY.
+    splats: in the frame of a PLY. Warns with a DataWarning about splats, positions and harmonics that the format cannot
+    hold.
 
-    Warns
-    -----
-    DataWarning
-        About splats, positions and harmonics that the format cannot hold.
-
-    Notes
-    -----
     Positions get as many fraction bits as their reach leaves, so that those of an SPZ come back exactly.
     """
     splats, usable = hide_unusable(splats, path)

@@ -30,16 +30,8 @@ SPLAT_BUDGET = 6_000_000
 class Streamed:
     """The checked content of a lod-meta.json.
 
-    Attributes
-    ----------
-    path : Path
-        Of the lod-meta.json.
-    counts : tuple of int
-        The splats of each level.
-    tiles : tuple of dict of Path to int
-        For each level, a tile's path to its count of splats, in the order of `filenames`.
-    environment : Path or None
-        Of its SOG.
+    path: of the lod-meta.json. counts: the splats of each level. tiles: for each level, a tile's path to its count of
+    splats, in the order of `filenames`. environment: of its SOG.
     """
 
     path: Path
@@ -54,14 +46,7 @@ class Streamed:
     def check_tiles(self, level: int) -> None:
         """Check that every tile of a level is there and says that it holds the splats it should.
 
-        Parameters
-        ----------
-        level : int
-
-        Raises
-        ------
-        InputError
-            Where one is missing or holds another number.
+        Raises InputError where one is missing or holds another number.
         """
         tiles = self.tiles[level]
         lost = [path for path in [*tiles, *([self.environment] if self.environment else [])] if not path.is_file()]
@@ -75,23 +60,8 @@ class Streamed:
 def level_of(path: Path, counts: tuple[int, ...], lod: int | str) -> int:
     """Return the number of the level that `lod` names.
 
-    Parameters
-    ----------
-    path : Path
-        For the message.
-    counts : tuple of int
-        The splats of each level.
-    lod : int or "auto"
-        "auto" is the finest of at most `SPLAT_BUDGET` splats, or the coarsest where every level is over the budget.
-
-    Returns
-    -------
-    int
-
-    Raises
-    ------
-    InputError
-        For a level without splats.
+    path: for the message. counts: the splats of each level. lod: "auto" is the finest of at most `SPLAT_BUDGET` splats,
+    or the coarsest where every level is over the budget. Raises InputError for a level without splats.
     """
     filled = [level for level, count in enumerate(counts) if count]
     if lod == "auto":
@@ -105,19 +75,7 @@ def level_of(path: Path, counts: tuple[int, ...], lod: int | str) -> int:
 def check_count(path: Path, found: int | None, expected: int, meta_path: Path) -> None:
     """Check the number of splats of a tile against its lod-meta.json.
 
-    Parameters
-    ----------
-    path : Path
-        Of the tile.
-    found : int or None
-        None where it is not known yet, which passes.
-    expected : int
-    meta_path : Path
-
-    Raises
-    ------
-    InputError
-        Where they differ.
+    path: of the tile. found: none where it is not known yet, which passes. Raises InputError where they differ.
     """
     if found is not None and found != expected:
         raise InputError(
@@ -126,16 +84,7 @@ def check_count(path: Path, found: int | None, expected: int, meta_path: Path) -
 
 
 def is_streamed(path: Path) -> bool:
-    """Return whether a path is the lod-meta.json of a streamed SOG, by its content.
-
-    Parameters
-    ----------
-    path : Path
-
-    Returns
-    -------
-    bool
-    """
+    """Return whether a path is the lod-meta.json of a streamed SOG, by its content."""
     try:
         content = read_json(path)
     except ValueError:  # an InputError is one
@@ -146,18 +95,7 @@ def is_streamed(path: Path) -> bool:
 def open_streamed(path: str | os.PathLike[str]) -> Streamed:
     """Read a lod-meta.json.
 
-    Parameters
-    ----------
-    path : path
-
-    Returns
-    -------
-    Streamed
-
-    Raises
-    ------
-    InputError
-        Where it is damaged or contradicts itself.
+    Raises InputError where it is damaged or contradicts itself.
     """
     path = Path(path)
     try:

@@ -13,20 +13,7 @@ WRITERS: dict[str, SplatWriter] = {each.kind: each.write for each in FORMATS if 
 def kind_of_name(path: str | os.PathLike[str]) -> str:
     """Return the kind of splat that the name of a file ends in.
 
-    Parameters
-    ----------
-    path : path
-        Nothing needs to be there.
-
-    Returns
-    -------
-    str
-        A key of `WRITERS`.
-
-    Raises
-    ------
-    InputError
-        For a name that ends in none of them.
+    path: nothing needs to be there. Returns a key of `WRITERS`. Raises InputError for a name that ends in none of them.
     """
     name = os.path.basename(os.fspath(path)).lower()
     kinds = [kind for kind in WRITERS if name.endswith(f".{kind}")]
@@ -39,16 +26,8 @@ def kind_of_name(path: str | os.PathLike[str]) -> str:
 def can_hold(kind: str, splats: Splats) -> bool:
     """Return whether a kind of file has a writer that keeps all colours of some splats.
 
-    Parameters
-    ----------
-    kind : str
-        Of any splat file.
-    splats : Splats
-
-    Returns
-    -------
-    bool
-        False for "sog" and splats with harmonics beyond the first, which its writer leaves out.
+    kind: of any splat file. False for "sog" and splats with harmonics beyond the first, which its writer leaves
+    out.
     """
     return kind in WRITERS and (kind != "sog" or not splats.degree)
 
@@ -56,28 +35,11 @@ def can_hold(kind: str, splats: Splats) -> bool:
 def write_splats(path: str | os.PathLike[str], splats: Splats, kind: str = "ply") -> None:
     """Write splats, row i being splat i; the file appears only once it is complete.
 
-    Parameters
-    ----------
-    path : path
-        Of the file, which is replaced where there is one.
-    splats : Splats
-        N Gaussians in the frame of an INRIA PLY. Rows that hold no finite values go out as they are in a PLY, else as
-        transparent splats.
-    kind : str
-        A key of `WRITERS`: "ply" is exact, "spz", "compressed.ply" and "sog" are small and quantised.
+    path: of the file, which is replaced where there is one. splats: N Gaussians in the frame of an INRIA PLY. Rows that
+    hold no finite values go out as they are in a PLY, else as transparent splats. kind: a key of `WRITERS`: "ply" is
+    exact, "spz", "compressed.ply" and "sog" are small and quantised. Raises InputError for another kind. Warns with a
+    DataWarning about what a format cannot hold.
 
-    Raises
-    ------
-    InputError
-        For another kind.
-
-    Warns
-    -----
-    DataWarning
-        About what a format cannot hold.
-
-    Notes
-    -----
     The same splats give the same bytes.
     """
     if kind not in WRITERS:

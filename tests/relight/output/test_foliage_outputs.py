@@ -20,8 +20,8 @@ from splat2mesh.scene.drawn import MOST_TINT, Drawn
 from splat2mesh.scene.meshfile import read_mesh
 from splat2mesh.scene.sources import describe
 from splat2mesh.splats.formats import write_inria_ply
+from splat2mesh.surface.extract import Look
 from splat2mesh.surface.foliage import leaves_apart
-from splat2mesh.texture.projection import Look
 from splat2mesh.views.viewpoints import virtual_views
 
 KINDS = ["none", "cards"]
@@ -134,7 +134,7 @@ def test_the_picture_of_a_mesh_shows_the_ground_behind_leaves_left_out(splats):
 def test_every_file_of_the_commands_is_of_what_is_drawn(tmp_path, capsys, splats, kind):
     scene = leaves_apart(bush_scene(), splats, kind, 3000)
     views = virtual_views(splats, 8, 128, np.array([0.0, 1.0, 0.0]), 0)
-    add_texture(scene, [Look(splats, views, np.full(len(views), 0.01))], 256, Stages())
+    add_texture(scene, [Look(splats, 0.1, views, np.full(len(views), 0.01))], 256, Stages())
     write_inria_ply(tmp_path / "bush.ply", splats)
     scene.source = describe(tmp_path / "bush.ply")
     scene.save(tmp_path / "scene")

@@ -24,8 +24,8 @@ from splat2mesh.scene.color import linear_from_srgb
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.meshfile import read_mesh
 from splat2mesh.scene.scene import Scene
+from splat2mesh.surface.extract import Look
 from splat2mesh.texture.kept import kept_texture, textured_part
-from splat2mesh.texture.projection import Look
 
 LIMIT = 150
 
@@ -40,7 +40,7 @@ def folder(tmp_path_factory):
     made = Scene.from_mesh(Mesh(points, points / np.float32(RADIUS), faces, colors), LIMIT, scene_from_splat=flip)
     ways = ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1))
     views = [View.look_at(8.0 * np.array(way), [0, 0, 0], [0.1, 1, 0.2], 40.0, 160) for way in ways]
-    add_texture(made, [Look(solid_ball(), views, np.full(len(views), 0.1))], 128, Stages())
+    add_texture(made, [Look(solid_ball(), 0.1, views, np.full(len(views), 0.1))], 128, Stages())
     path = tmp_path_factory.mktemp("ball") / "scene"
     made.save(path)
     return path

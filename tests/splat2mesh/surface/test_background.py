@@ -209,10 +209,10 @@ def test_keeping_adds_a_shell_at_the_dome_that_faces_inwards(converted):
     assert kept.preview_camera == converted["cut"].preview_camera
 
 
-def quietly_emptied(way, splats, views, pixel, effort, vertices, stages):
+def quietly_emptied(way, look, effort, vertices, stages):
     """In place of `extract`: a surface for the foreground, an open one that nobody saw for a background."""
-    mesh, pictures = extract(way, splats, views, pixel, effort, vertices, stages)
-    if len(splats) == DOME:
+    mesh, pictures = extract(way, look, effort, vertices, stages)
+    if len(look.splats) == DOME:
         mesh, pictures = o3d.geometry.TriangleMesh.create_sphere(RADIUS), []
         mesh.remove_triangles_by_index(range(len(mesh.triangles) // 2))
     return mesh, pictures

@@ -17,6 +17,7 @@ from splat2mesh.surface.extract import (
     SCALES_PER_PIXEL,
     TRAINING_DILATION,
     Effort,
+    Look,
     as_trained,
     dilated,
     extract,
@@ -31,7 +32,7 @@ def raw_surface(way, kind, count):
     """Vertices and faces of the raw surface in the scene frame, its pictures, and the size of a training pixel."""
     pixel, splats = training_pixel(scene(kind, count)[2]), dilated_splats(kind, count)
     views = capture_views(scene(kind, count)[0], SMALL.views, SMALL.pixels)
-    mesh, pictures = extract(way, splats, views, pixel=pixel, effort=SMALL, vertices=3000, stages=Stages())
+    mesh, pictures = extract(way, Look.around(splats, pixel, views), SMALL, 3000, Stages())
     return np.asarray(mesh.vertices) * FLIP, np.asarray(mesh.triangles), pictures, pixel
 
 
@@ -104,10 +105,10 @@ def test_dilation_adds_the_variance_of_the_training_pixel():
 
 def test_splats_as_trained_are_dilated_by_their_own_pixel():
     splats = scene("object")[2]
-    trained = as_trained(splats)
-    assert trained.pixel == training_pixel(splats)
-    np.testing.assert_array_equal(trained.splats.scales, dilated(splats, trained.pixel).scales)
-    np.testing.assert_array_equal(trained.splats.means, splats.means)
+    shown, pixel = as_trained(splats)
+    assert pixel == training_pixel(splats)
+    np.testing.assert_array_equal(shown.scales, dilated(splats, pixel).scales)
+    np.testing.assert_array_equal(shown.means, splats.means)
 
 
 @pytest.mark.parametrize("thickness", [0.003, 0.01])
@@ -118,9 +119,8 @@ def test_thickness_is_that_of_the_surface_whichever_way_it_is_looked_at(thicknes
     found = []
     for angle in np.radians([0, 30, 60]):
         eye = 5 * np.array([np.sin(angle), 0, np.cos(angle)])
-        (picture,) = extract("field", splats, [View.look_at(eye, [0, 0, 0], UP, 15.0, 64)], 0.05, SMALL, 100, Stages())[
-            1
-        ]
+        look = Look.around(splats, 0.05, [View.look_at(eye, [0, 0, 0], UP, 15.0, 64)])
+        (picture,) = extract("field", look, SMALL, 100, Stages())[1]
         found.append(np.nanmedian(picture.thickness))
     # Between the opacities 0.2 and 0.6 of a stack of Gaussians: a part of their standard deviation.
     np.testing.assert_allclose(found, found[0], rtol=0.15)
@@ -133,7 +133,7 @@ def test_nothing_solid_is_refused(way):
     ball = discs(even_directions(2000), even_directions(2000), 0.06, 1e-3)
     views = virtual_views(ball, 4, 64, UP)
     with pytest.raises(InputError, match="solid object"):
-        extract(way, fog, views, pixel=0.01, effort=SMALL, vertices=3000, stages=Stages())
+        extract(way, Look.around(fog, 0.01, views), SMALL, 3000, Stages())
 
 
 def test_more_detail_means_more_work():

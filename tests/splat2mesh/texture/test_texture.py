@@ -17,10 +17,9 @@ from splat2mesh.render.view import View
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.formats import write_inria_ply
-from splat2mesh.surface.extract import EFFORTS, Effort
+from splat2mesh.surface.extract import EFFORTS, Effort, Look
 from splat2mesh.texture.density import local_pixel
 from splat2mesh.texture.glb import mesh_glb
-from splat2mesh.texture.projection import Look
 from splat2mesh.texture.texture import texture_of
 
 GREY = 90
@@ -38,7 +37,7 @@ def ball_scene(limit=10**6):
 
 def ball_look(ways=((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1))):
     views = [View.look_at(8.0 * np.array(way), [0, 0, 0], [0.1, 1, 0.2], 40.0, 200) for way in ways]
-    return Look(solid_ball(), views, np.full(len(views), 0.1))
+    return Look(solid_ball(), 0.1, views, np.full(len(views), 0.1))
 
 
 @pytest.fixture(scope="module")
