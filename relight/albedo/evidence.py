@@ -96,8 +96,7 @@ class Evidence:
         self.log_captured = np.log(places.captured)
         self.log_luminance = np.log(luminance(places.captured))
         self.usual_albedo = fitted.albedo if sky is None else fitted.albedo_outdoors
-        objects, outdoors = (fitted.warmth, fitted.green), (fitted.warmth_outdoors, fitted.green_outdoors)
-        self.usual_hue = np.array(objects if sky is None else outdoors)
+        self.usual_hue = np.array([fitted.warmth if sky is None else fitted.warmth_outdoors, fitted.green])
         self.paints = paints_of(self.log_captured, places.normals)
         first, second = places.pairs.T
         cosine = np.einsum("ij,ij->i", places.normals[first], places.normals[second])

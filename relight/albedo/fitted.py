@@ -17,7 +17,7 @@ class Fitted(NamedTuple):
     sky, sky_noise: weight of the whole upper sky, and its noise in log radiance: bands, tone curve, tint.
     clipped, clipped_level, clipped_noise: the same weight of a clipped sky, its usual log radiance, and its noise.
     albedo, warmth, green: usual colour of objects: median luminance, and mean log red over blue, and green over both.
-    albedo_outdoors, warmth_outdoors, green_outdoors: the same of soil and plants, under a captured sky.
+    albedo_outdoors, warmth_outdoors: of soil and plants, under a captured sky.
     albedo_spread, warmth_spread, green_spread: of these logarithms.
     color_spread: factor on the variance of the colour of natural lights.
     sun: nats against a sun.
@@ -41,7 +41,6 @@ class Fitted(NamedTuple):
     warmth_outdoors: float
     warmth_spread: float
     green: float
-    green_outdoors: float
     green_spread: float
     color_spread: float
     sun: float

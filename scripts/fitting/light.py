@@ -89,16 +89,17 @@ def score(captures, numbers):
     return np.array(rows)
 
 
-def usual_albedo(captures):
-    """(mean, spread) of the log median albedo of scenes, each under its true lights; of none, NaN."""
-    medians = defaultdict(list)
+def usual_color(captures):
+    """Means and spreads, (3,) each, of log median albedo, warmth and green of scenes, each under its true lights."""
+    found = defaultdict(list)
     for capture in captures:
         light = harmonics.evaluate(capture["directions"], 8) @ capture["light"]
-        received = luminance(capture["sky"] @ light.astype(np.float32) + capture["bounced"])
-        ratio = luminance(capture["captured"]) / np.maximum(received, DIMMEST)
-        medians[capture["scene"]].append(float(np.median(np.log(ratio))))
-    means = np.array([np.mean(each) for each in medians.values()])
-    return float(means.mean()), float(means.std())
+        received = np.maximum(capture["sky"] @ light.astype(np.float32) + capture["bounced"], DIMMEST)
+        level = np.median(np.log(luminance(capture["captured"]) / luminance(received)))
+        hue = natural.AXES[1:] @ np.log(capture["captured"] / received).mean(axis=0)
+        found[capture["scene"]].append([level, *hue])
+    means = np.array([np.mean(each, axis=0) for each in found.values()])
+    return means.mean(axis=0), means.std(axis=0)
 
 
 def search(captures, numbers, rounds, say):
@@ -127,10 +128,11 @@ def fit(folder, rounds=2, say=print):
     parts = {part: load(folder, part) for part in ("fit", "choose", "test")}
     numbers = fitted.FITTED
     if rounds:
-        for name, outdoors in (("albedo", False), ("albedo_outdoors", True)):
-            mean, spread = usual_albedo([each for each in parts["fit"] if ("sky_seen" in each) == outdoors])
-            numbers = numbers._replace(**{name: float(np.exp(mean))})
-            say(f"{name} {np.exp(mean):.3f}, its logarithm varies by {spread:.2f}")
+        for kind, outdoors in (("", False), ("_outdoors", True)):
+            usual, spread = usual_color([each for each in parts["fit"] if ("sky_seen" in each) == outdoors])
+            say(f"albedo{kind}, warmth{kind}, green: {usual.round(3)}, over scenes {spread.round(2)}; logarithms")
+            chosen = {f"albedo{kind}": float(np.exp(usual[0])), f"warmth{kind}": float(usual[1])}
+            numbers = numbers._replace(**chosen, green=float(usual[2]))
         numbers = search(parts["fit"], numbers, rounds, say)
     rows = {part: score(captures, numbers) for part, captures in parts.items() if captures}
     held = {}
