@@ -27,6 +27,7 @@ from splat2mesh.splats.formats import WRITERS, write_splats
 from splat2mesh.splats.splats import Splats
 
 from .engine.appearance import Appearance, appearance_of
+from .engine.light_mix import LightKind
 from .engine.relighter import Relighter, Shaded
 from .jobs.folders import first_light, meshed_request, planned_request
 from .jobs.job import Job
@@ -262,14 +263,14 @@ def plan_relight(request: RelightRequest, stages: Stages | None = None) -> Relig
         return RelightPlan(None, note + "Light is planned once that is done.")
     job = Job(planned.under(first_light(planned)), stages)
     lamps, bounces, count, picture = None, None, 0, None
-    if job.asked_lamps and job.beside.lamp_light is not None:
-        lamps, bounces, count = job.beside.lamp_light.plan, job.beside.lamp_light.bounce_plan, len(job.asked_lamps)
+    if job.asked_lamps and job.mix.lamp_light is not None:
+        lamps, bounces, count = job.mix.lamp_light.plan, job.mix.lamp_light.bounce_plan, len(job.asked_lamps)
     if job.from_inside and job.room is not None and job.room.lamps_found:
         from .output.lamps_picture import lamps_picture
 
         picture = lamps_picture(job.scene, job.lamps_found)
     inserts = job.insert_plan
-    if job.keeps_captured:
+    if job.light_kind is LightKind.CAPTURED:
         note = "" if lamps or inserts else "the captured light needs no rays, and there is nothing to plan"
         mirrored = job.mirrored_floor
         return RelightPlan(None, note, lamps, count, picture, None, inserts, None, bounces, mirrored)
@@ -280,7 +281,7 @@ def plan_relight(request: RelightRequest, stages: Stages | None = None) -> Relig
         turned = request.env.north_deg + request.angles_deg[0]  # which turns the whole light
         pointing = north_picture(job.scene, job.scene.colors_linear, turned)
     plan, note = job.planned()
-    if plan is None and job.steady and lamps is None and inserts is None:
+    if plan is None and job.appearance.as_captured and lamps is None and inserts is None:
         raise InputError("what an environment changes in this room is assumed, so there is nothing to plan")
     if plan is None and lamps is None and inserts is None:
         raise InputError(f"`method` {job.options.method} has nothing to plan; leave it at auto")

@@ -5,6 +5,7 @@ import contextlib
 import math
 import os
 import sys
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +20,7 @@ from splat2mesh.cli import KERNELS as MESHING_KERNELS
 from splat2mesh.cli import convert_options, display_options, tiling_options
 
 from .arguments import parser
-from .light import CAPTURED_SKIES
+from .light import CAPTURED_SKIES, SKIES
 from .options import LightingOptions
 from .output.kinds import BAKED, CITY_FILES, COLOR_SPACES, FILES, HARMONICS
 from .request import MOST_ANGLES, RelightRequest
@@ -72,37 +73,39 @@ def angles_from(text: str) -> list[float]:
     return list(dict.fromkeys(round((start + i * step) % 360.0, 6) % 360.0 for i in range(count)))
 
 
+def _phrases(words: list[list[str]]) -> list[str]:
+    return [" ".join(each).strip() for each in words]
+
+
+def _word_or_file(option: str, value: str, words: Iterable[str]) -> str:
+    """A file, or one of the words. Raises InputError for anything else."""
+    return value if Path(value).exists() or "." in value else chosen(option, value, words)
+
+
+READ: dict[str, Callable[[Any], Any]] = {
+    "placed": _phrases,
+    "inserted": _phrases,
+    "method": lambda value: chosen("--method", value, METHODS),
+    "tolerance": lambda value: share("--tolerance", value),
+    "captured_sky": lambda value: _word_or_file("--captured-sky", value, CAPTURED_SKIES),
+    "angles_deg": angles_from,
+    "formats": lambda value: several("--format", value, dict.fromkeys([*FILES, *CITY_FILES])),
+    "baked": lambda value: several("--bake", value, BAKED),
+    "harmonics": lambda value: chosen("--harmonics", value, HARMONICS),
+    "sky": lambda value: chosen("--sky", value, SKIES),
+    "albedo": lambda value: _word_or_file("--albedo", value, ("estimated", "captured", "white")),
+    "color_space": lambda value: chosen("--color-space", value, COLOR_SPACES),
+}
+"""Field of a request -> what turns its words into the value, or raises InputError."""
+
+
 def request_of(words: argparse.Namespace) -> RelightRequest:
     """Return what the words of a command line ask for. Raises InputError for words that mean nothing."""
     light, asked = given(LightingOptions, words), given(RelightRequest, words)
     tiling = tiling_options(words)
-    if "placed" in light:
-        light["placed"] = [" ".join(each).strip() for each in light["placed"]]
-    if "inserted" in asked:
-        asked["inserted"] = [" ".join(each).strip() for each in asked["inserted"]]
-    if "method" in light:
-        light["method"] = chosen("--method", light["method"], METHODS)
-    if "tolerance" in light:
-        light["tolerance"] = share("--tolerance", light["tolerance"])
     _describe_captured_sun(words, light, asked)
-    sky = light.get("captured_sky")
-    if sky and not Path(sky).exists() and "." not in sky:
-        light["captured_sky"] = chosen("--captured-sky", sky, CAPTURED_SKIES)
-    if "angles_deg" in asked:
-        asked["angles_deg"] = angles_from(asked["angles_deg"])
-    if "formats" in asked:
-        asked["formats"] = several("--format", asked["formats"], dict.fromkeys([*FILES, *CITY_FILES]))
-    if "baked" in asked:
-        asked["baked"] = several("--bake", asked["baked"], BAKED)
-    if "harmonics" in asked:
-        asked["harmonics"] = chosen("--harmonics", asked["harmonics"], HARMONICS)
-    if "sky" in asked:
-        asked["sky"] = chosen("--sky", asked["sky"], ("new", "keep", "drop"))
-    albedo = asked.get("albedo")
-    if albedo and not Path(albedo).exists() and "." not in albedo:
-        asked["albedo"] = chosen("--albedo", albedo, ("estimated", "captured", "white"))
-    if "color_space" in asked:
-        asked["color_space"] = chosen("--color-space", asked["color_space"], COLOR_SPACES)
+    for fields in (light, asked):
+        fields.update({name: READ[name](value) for name, value in fields.items() if name in READ})
     elsewhere = {"seed"}  # that is of the rays
     if "passes" in asked.get("formats", ()):
         elsewhere.add("cameras")  # those are of the passes
@@ -283,23 +286,23 @@ def _assumed(job: "Job") -> list[str]:
 
 def _lamps(job: "Job") -> list[str]:
     """The lines of the summary on added lamps and on the scale of their brightness."""
-    if not job.mixes:
+    if not job.light_kind.adds:
         return []
-    lines = [f"  lamp {number}: {text}" for number, text in enumerate(job.beside.in_words, 1)]
+    lines = [f"  lamp {number}: {text}" for number, text in enumerate(job.mix.in_words, 1)]
     if lines:
-        how = "from the height of the cameras" if job.beside.scale_known else "for an object 1 m across"
-        lines.append(f"  assumed scale: 1 m is {job.beside.scale.metre:.2g} units of the splat, {how}")
-        lux = job.beside.scale.irradiance / (job.beside.scale.candela or 1.0)
+        how = "from the height of the cameras" if job.mix.scale_known else "for an object 1 m across"
+        lines.append(f"  assumed scale: 1 m is {job.mix.scale.metre:.2g} units of the splat, {how}")
+        lux = job.mix.scale.irradiance / (job.mix.scale.candela or 1.0)
         lines.append(f"  assumed captured light: {lux:,.0f} lx, the basis of lumens")
-    if job.beside.captured_factor != 1.0:
-        lines.append(f"  {job.beside.captured_factor:.0%} of the captured light stays; exposed as the capture was")
+    if job.mix.captured_factor != 1.0:
+        lines.append(f"  {job.mix.captured_factor:.0%} of the captured light stays; exposed as the capture was")
     return lines
 
 
 def _frontal(job: "Job") -> list[str]:
     """The line of the summary on a light whose shadows fall behind what the preview shows."""
     asked = job.request
-    if "png" not in job.formats or job.room or job.mixes or not isinstance(asked.env, str):
+    if "png" not in job.formats or job.room or job.light_kind.adds or not isinstance(asked.env, str):
         return []
     from .output.frontal import side_angle
     from .output.preview import default_camera

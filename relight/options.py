@@ -137,6 +137,11 @@ class LightingOptions:
         return self.tolerance is not None or self.budget_s is not None
 
     @property
+    def accepted_error(self) -> float:
+        """The accepted relative error of lamps, which know no budget."""
+        return self.tolerance or DEFAULT_TOLERANCE
+
+    @property
     def chosen_effects(self) -> frozenset[str]:
         """The effects that may take part in the light on the mesh: those given, or with "auto" all that the method can
         do."""
@@ -193,6 +198,11 @@ class LightingOptions:
     def changes_captured_light(self) -> bool:
         """Whether the request changes or adds to the light of the capture, which needs no environment."""
         return bool(self.placed) or self.captured is not None or self.lamps != "keep"
+
+    @property
+    def adds_light(self) -> bool:
+        """Whether the request adds light to an environment, or changes it."""
+        return bool(self.placed) or self.captured is not None or self.env_scale != 1.0
 
     @property
     def said(self) -> tuple[str, ...]:

@@ -16,7 +16,17 @@ from splat2mesh.options import ConvertOptions, TilingOptions
 from .light import CAPTURED, SKIES
 from .light.daylight import DaylightRequest, day_times
 from .options import LightingOptions
-from .output.kinds import BAKED, CITY_FILES, COLOR_SPACES, FILES, HARMONICS, WITHOUT_LIGHT
+from .output.kinds import (
+    BAKED,
+    CITY_FILES,
+    COLOR_SPACES,
+    DEFAULT_KINDS,
+    FILES,
+    HARMONICS,
+    OUTPUTS,
+    WITHOUT_LIGHT,
+    kinds_with,
+)
 
 if TYPE_CHECKING:
     import numpy as np
@@ -167,48 +177,58 @@ class RelightRequest:
     overwrite: bool = False
 
     def __post_init__(self) -> None:
-        if isinstance(self.inserted, (str, os.PathLike)):
-            object.__setattr__(self, "inserted", (self.inserted,))
-        for name in ("angles_deg", "baked", "lights", "inserted", "probe_at"):
-            object.__setattr__(self, name, tuple(getattr(self, name)))
-        if self.formats is not None:
-            object.__setattr__(self, "formats", tuple(self.formats))
-        if isinstance(self.env, (list, tuple)):
-            object.__setattr__(self, "env", self.env[0] if len(self.env) == 1 else tuple(self.env) or AUTO)
+        self._bring_into_form()
         self._check_sun()
-        changes = self.lighting.changes_captured_light or bool(self.inserted) or self.needs_no_light
         if self.env == AUTO:
-            object.__setattr__(self, "env", CAPTURED if changes else "studio")
-        object.__setattr__(self, "probe_at", tuple(_place("probe_at", each) for each in self.probe_at))
+            changes = self.lighting.changes_captured_light or bool(self.inserted) or self.needs_no_light
+            self._set("env", CAPTURED if changes else "studio")
+        self._set("probe_at", tuple(_place("probe_at", each) for each in self.probe_at))
         self._check_tint()
         if self.capture_env is not None and "captured_light" in self.lighting.said:
             raise InputError("`captured_light`: it is a known light as `capture_env` is; give one of them")
-        if self.probe_at and "probe" not in (self.formats or ()):
-            raise InputError("`probe_at`: it belongs to the format probe; give that too")
-        if self.probes:
-            if "probe" not in (self.formats or ()):
-                raise InputError("`probes`: it belongs to the format probe; give that too")
-            if len(self.probe_at) == 1:
-                raise InputError("`probes`: a box has two corners; give another `probe_at`, or none")
-            _ = self.probe_grid  # or an InputError
-        if "catcher" in (self.formats or ()) and not self.inserted:
-            raise InputError("`formats` catcher: it holds the change that objects make; give an object, as `inserted`")
-        for name in ("cameras", "color_space"):
-            if getattr(self, name) != getattr(RelightRequest, name) and "passes" not in (self.formats or ()):
-                raise InputError(f"`{name}`: it belongs to the format passes; give that too")
+        self._check_outputs()
         self._check_words()
-        _ = self.times  # or an InputError
-        if not 1 <= len(self.angles_deg) <= MOST_ANGLES:
-            raise InputError(f"`angles_deg`: {len(self.angles_deg)} angles; expected 1 to {MOST_ANGLES}")
+        self._check_angles()
         if self.exposure_ev is not None and not abs(self.exposure_ev) <= MOST_EXPOSURE_EV:
             limit = f"{MOST_EXPOSURE_EV:g}"
             raise InputError(f"`exposure_ev` {self.exposure_ev}: expected stops from -{limit} to {limit}")
-        if self.live_mesh and self.formats is not None and "glb" not in self.formats:
-            raise InputError("`live_mesh`: it belongs to the format glb; give that too")
-        if self.lights and not {"live", "web"} & set(self.formats or ()):
-            raise InputError(f"`lights` {self.lights[0]}: only the formats live and web hold several lights")
         if self.clear_cache and self.caching != "keep":
             raise InputError("`clear_cache`: without a cache there is nothing to clear")
+
+    def _set(self, name: str, value: Any) -> None:
+        object.__setattr__(self, name, value)
+
+    def _bring_into_form(self) -> None:
+        """Make tuples of lists, and one light of a list with one."""
+        if isinstance(self.inserted, (str, os.PathLike)):
+            self._set("inserted", (self.inserted,))
+        for name in ("angles_deg", "baked", "lights", "inserted", "probe_at"):
+            self._set(name, tuple(getattr(self, name)))
+        if self.formats is not None:
+            self._set("formats", tuple(self.formats))
+        if isinstance(self.env, (list, tuple)):
+            self._set("env", self.env[0] if len(self.env) == 1 else tuple(self.env) or AUTO)
+
+    def _check_outputs(self) -> None:
+        """Raise InputError for options of outputs that are not requested, and for outputs that lack what they need."""
+        formats = DEFAULT_KINDS if self.formats is None else self.formats
+        for each in fields(self):
+            kinds, value = kinds_with(each.name), getattr(self, each.name)
+            if kinds and value != each.default and not {*kinds} & {*formats}:
+                raise InputError(f"`{each.name}`: it belongs to the format {' or '.join(kinds)}; give that too")
+        for word in formats:
+            needs = OUTPUTS[word].needs if word in OUTPUTS else None
+            if needs is not None and not getattr(self, needs[0]):
+                raise InputError(f"`formats` {word}: {needs[1]}")
+        if self.probes and len(self.probe_at) == 1:
+            raise InputError("`probes`: a box has two corners; give another `probe_at`, or none")
+        _ = self.probe_grid  # or an InputError
+
+    def _check_angles(self) -> None:
+        """Raise InputError for angles, or times of a day, that a light cannot have."""
+        _ = self.times  # or an InputError
+        if not 1 <= len(self.angles_deg) <= MOST_ANGLES:
+            raise InputError(f"`angles_deg`: {len(self.angles_deg)} angles; expected 1 to {MOST_ANGLES}")
         if CAPTURED in self.envs and any(angle % 360.0 for angle in self.angles_deg):
             raise InputError("`angles_deg`: the light of the capture cannot be turned; give another `env`")
         if self.animated and len(self.angles_deg) > 1:
@@ -217,14 +237,14 @@ class RelightRequest:
     def _check_tint(self) -> None:
         """Make the tint three numbers. Raises InputError for anything but a colour, and for two tints."""
         if self.white_at is not None:
-            object.__setattr__(self, "white_at", _place("white_at", self.white_at))
+            self._set("white_at", _place("white_at", self.white_at))
         if self.capture_tint is None:
             return
         from .engine.tint import checked_tint
 
         if self.white_at is not None:
             raise InputError("`white_at`: it replaces `capture_tint`; give one of them")
-        object.__setattr__(self, "capture_tint", checked_tint(self.capture_tint))
+        self._set("capture_tint", checked_tint(self.capture_tint))
 
     def _check_sun(self) -> None:
         """Make the sky of a date the light. Raises InputError for a date without a place, or a place without a date."""
@@ -240,7 +260,7 @@ class RelightRequest:
         asked = DaylightRequest.parse(self.sun, self.at, self.north_deg)
         if self.day and self.animated:
             raise InputError("`day`: an animation has one light")
-        object.__setattr__(self, "env", self.env if isinstance(self.env, DaylightRequest) else asked)
+        self._set("env", self.env if isinstance(self.env, DaylightRequest) else asked)
 
     @property
     def envs(self) -> tuple[AnyLight, ...]:

@@ -70,10 +70,10 @@ def with_known_light(
     transport: Transport | None = None,
     evidence: CaptureEvidence | None = None,
 ) -> Estimate:
-    """Albedo of a scene captured under a known Environment, whose exposure in each colour is found: an Estimate.
+    """Albedo of a scene captured under a known Environment, whose exposure is found: an Estimate.
 
-    Where a captured sky shows enough of that light, it determines the exposure. One that is `exposed` is taken as is.
-    Arguments and errors as of `estimate`.
+    Where a captured sky shows enough of that light, it determines the exposure, else the usual albedo does. One that is
+    `exposed` is taken as is. Arguments and errors as of `estimate`.
     """
     scene = CapturedScene(occluder, captured, seed, advance, transport, evidence)
     problem = scene.problem()
@@ -89,7 +89,7 @@ def with_known_light(
         seen = Environment(environment.radiance * measured, environment.name, environment.rotation_deg)
         return scene.result(seen, 1.0, direct * measured)
     shown = np.maximum(environment.lookup(scene.places.directions).astype(np.float64), 1e-9)
-    gain = np.exp(posterior.exposed(scene.evidence, np.log(shown))).astype(np.float32)
+    gain = np.float32(np.exp(scene.evidence.lacking(np.log(shown))))
     scaled = Environment(environment.radiance * gain, environment.name, environment.rotation_deg)
     return scene.result(scaled, 1.0, direct * gain)
 

@@ -10,12 +10,12 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy
+import scipy.optimize
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Directions, Floats
 from splat2mesh.scene.color import luminance
 
-from .division import weighted_median
 from .fitted import Fitted
 from .natural import AXES
 from .paints import paints_of
@@ -28,6 +28,9 @@ SLOPES = np.linspace(0.0, 1.0, 11)
 
 LEAST = 1e-9
 """Light that counts as none."""
+
+BRIGHTEST = 10.0
+"""Log factor between lights that are told apart."""
 
 LUMA = luminance(np.eye(3))
 
@@ -92,6 +95,9 @@ class Evidence:
         self.places, self.sky, self.fitted = places, sky, fitted
         self.log_captured = np.log(places.captured)
         self.log_luminance = np.log(luminance(places.captured))
+        self.usual_albedo = fitted.albedo if sky is None else fitted.albedo_outdoors
+        objects, outdoors = (fitted.warmth, fitted.green), (fitted.warmth_outdoors, fitted.green_outdoors)
+        self.usual_hue = np.array(objects if sky is None else outdoors)
         self.paints = paints_of(self.log_captured, places.normals)
         first, second = places.pairs.T
         cosine = np.einsum("ij,ij->i", places.normals[first], places.normals[second])
@@ -101,12 +107,15 @@ class Evidence:
             "slanted pairs": _Pairs(places, slanted, fitted.slanted, fitted.slanted_slope),
         }
 
+    def direct(self, log_light: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(N, 3) direct light at places under log radiance (K, 3)."""
+        return np.asarray(self.places.sky @ _radiance(log_light), np.float64)
+
     def received(self, log_light: NDArray[np.float64], basis: Floats | None = None) -> ReceivedLight:
         """What places receive of log radiance (K, 3); slopes in the parameters of a basis (K, M) of it, if given."""
-        radiance = np.exp(np.clip(log_light, -30.0, 30.0)).astype(np.float32)
-        bounced, sky = self.places.bounced, self.places.sky
+        radiance, bounced, sky = _radiance(log_light), self.places.bounced, self.places.sky
         if basis is None:
-            return ReceivedLight(np.maximum(sky @ radiance + bounced, LEAST), None)
+            return ReceivedLight(np.maximum(self.direct(log_light) + bounced, LEAST), None)
         total, slopes = np.empty(bounced.shape), []
         for color in range(3):
             light = radiance[:, color, None]
@@ -132,16 +141,29 @@ class Evidence:
         explained = self.paints.explained(logs)
         return np.asarray(nats + 0.5 * self.fitted.contrast * np.log1p(-np.minimum(explained, 0.999)))
 
-    def brightness(self, log_light: NDArray[np.float64]) -> float:
-        """Log factor on log radiance (K, 3) towards the brightness of the sky that was seen.
+    def lacking(self, log_light: NDArray[np.float64]) -> float:
+        """Log factor on log radiance (K, 3) under which it is as bright as albedo and sky say.
 
-        All of the sky errs alike, by tone curves and by what harmonics cannot hold beside clipped sky, so its median
-        counts as one number. Pairs err to the other side: in noisy meshes bounced light explains too much.
+        The median albedo is the usual one; the part of the sky that was seen unclipped is as bright as it looked. Each
+        errs with the part of the light that it does not know. Pairs and contrast have no say: in noisy meshes bounced
+        light explains too much of them.
         """
-        if self.sky is None or not self.sky.seen.any():
-            return 0.0
-        lacking = weighted_median((self.sky.log_radiance - log_light).ravel(), self.sky.seen.ravel())
-        return float(self.fitted.sky_level * lacking)
+        direct, bounced = (luminance(part) for part in (self.direct(log_light), self.places.bounced))
+
+        def off(factor: float) -> float:
+            light = np.maximum(np.exp(factor) * direct + bounced, LEAST)
+            return float(np.median(self.log_luminance - np.log(light)) - np.log(self.usual_albedo))
+
+        usual = scipy.optimize.brentq(off, -BRIGHTEST, BRIGHTEST) if off(-BRIGHTEST) > 0.0 > off(BRIGHTEST) else 0.0
+        if self.sky is None:
+            return float(usual)
+        radiance, looked = _radiance(log_light), np.exp(self.sky.log_radiance)
+        seen = float((self.sky.seen * radiance).sum())
+        known = seen / max(float((upper_sky(self.places.directions) / 3.0 * radiance).sum()), LEAST)
+        if known <= LEAST:
+            return float(usual)
+        weight = known**2 / (known**2 + (1.0 - min(known, 1.0)) ** 2)
+        return float((1.0 - weight) * usual + weight * np.log(float((self.sky.seen * looked).sum()) / seen))
 
     def _contrast(self, received: ReceivedLight) -> Cue:
         """Log luminance against the light's within materials: the part of the variance that no light explains."""
@@ -161,8 +183,8 @@ class Evidence:
     def _albedo(self, received: ReceivedLight) -> dict[str, Cue]:
         """How usual the albedo is: its median luminance, and its mean hue."""
         fitted, logs = self.fitted, np.log(received.total)
-        level = float(np.median(self.log_luminance - np.log(luminance(received.total)))) - np.log(fitted.albedo)
-        hue = AXES[1:] @ (self.log_captured - logs).mean(axis=0) - [fitted.warmth, fitted.green]
+        level = float(np.median(self.log_luminance - np.log(luminance(received.total))) - np.log(self.usual_albedo))
+        hue = AXES[1:] @ (self.log_captured - logs).mean(axis=0) - self.usual_hue
         off = {"albedo": ([level], [fitted.albedo_spread]), "hue": (hue, [fitted.warmth_spread, fitted.green_spread])}
         if received.slopes is None:
             return {name: Cue(0.5 * float(np.sum(np.divide(*each) ** 2))) for name, each in off.items()}
@@ -197,6 +219,11 @@ class Evidence:
             blocks = [(basis.T * column) @ basis for column in curve.T]
             found[name] = Cue(cost, (pull.T @ basis).ravel(), scipy.linalg.block_diag(*blocks))
         return found
+
+
+def _radiance(logs: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Radiance of log radiance, any shape, within the range of float32."""
+    return np.exp(np.clip(logs, -30.0, 30.0)).astype(np.float32)
 
 
 class _Pairs:

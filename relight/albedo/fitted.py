@@ -14,11 +14,11 @@ class Fitted(NamedTuple):
     parallel_slope, slanted_slope: weight against a slope of log colour over log light that is not 1, for each of them.
     difference: of log albedo (RGB), beyond which two neighbours are of two materials.
     contrast: independent patches of the contrast within materials.
-    sky, sky_noise, sky_level: weight of the whole upper sky, and its noise in log radiance, of a part and of all of it:
-    bands, tone curve, tint.
+    sky, sky_noise: weight of the whole upper sky, and its noise in log radiance: bands, tone curve, tint.
     clipped, clipped_level, clipped_noise: the same weight of a clipped sky, its usual log radiance, and its noise.
-    albedo, albedo_spread: median albedo in luminance, and spread of its logarithm.
-    warmth, warmth_spread, green, green_spread: mean log red over blue, and green over both, of albedo; spreads.
+    albedo, warmth, green: usual colour of objects: median luminance, and mean log red over blue, and green over both.
+    albedo_outdoors, warmth_outdoors, green_outdoors: the same of soil and plants, under a captured sky.
+    albedo_spread, warmth_spread, green_spread: of these logarithms.
     color_spread: factor on the variance of the colour of natural lights.
     sun: nats against a sun.
     """
@@ -31,15 +31,17 @@ class Fitted(NamedTuple):
     contrast: float
     sky: float
     sky_noise: float
-    sky_level: float
     clipped: float
     clipped_level: float
     clipped_noise: float
     albedo: float
+    albedo_outdoors: float
     albedo_spread: float
     warmth: float
+    warmth_outdoors: float
     warmth_spread: float
     green: float
+    green_outdoors: float
     green_spread: float
     color_spread: float
     sun: float

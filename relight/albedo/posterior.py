@@ -41,10 +41,6 @@ HEIGHT, HEIGHT_COLOR = 3.0, 0.5
 MOSTLY = 0.6
 """Part of a direction that was seen without a sun, where none stands."""
 
-ALBEDO_SPREAD = 0.35
-"""Of the log median albedo where the shape of the light is known: scenes of the corpus have .15 to .36. Else pairs pull
-the light to the dark in noisy meshes, and the fit holds the median closer."""
-
 AROUND_DEG = 35.0
 """Suns are sought so near to the brightest direction of the light without one."""
 
@@ -157,17 +153,6 @@ def spread(evidence: Evidence, lights: list[PosteriorLight]) -> float:
     return float(np.sqrt(np.mean(across + shares @ np.array([light.variances for light in lights]))))
 
 
-def exposed(evidence: Evidence, log_light: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(3,) log exposure, in each colour, of a light known up to it: log radiance (K, 3)."""
-    basis = np.ones((len(log_light), 1))
-    start = np.full((1, 3), _level(evidence, log_light) / np.sqrt(4.0 * np.pi))
-    axes = np.array([1e-2, 100.0, 100.0])  # brightness is free, and a camera's white balance within .1
-    precision = np.einsum("q,qa,qb->ab", axes, AXES, AXES)
-    loose = evidence.fitted._replace(albedo_spread=ALBEDO_SPREAD, clipped=0.0, warmth_spread=1.0, green_spread=1.0)
-    evidence = Evidence(evidence.places, evidence.sky, loose)
-    return _solved(evidence, basis, start, precision, start, log_light).parameters[0]
-
-
 def _regions(evidence: Evidence) -> NDArray[np.float64]:
     """(K, R) shares of directions in the regions of a captured sky: clipped, and seen unclipped; R = 0 without one."""
     if evidence.sky is None:
@@ -180,7 +165,7 @@ def _level(evidence: Evidence, log_light: NDArray[np.float64]) -> float:
     """To add to the mean harmonic, so that the median direct light makes the median albedo usual."""
     places = evidence.places
     direct = luminance(places.sky @ np.exp(log_light).astype(np.float32))
-    wanted = np.median(luminance(places.captured)) / evidence.fitted.albedo
+    wanted = np.median(luminance(places.captured)) / evidence.usual_albedo
     return float(np.log(wanted / max(float(np.median(direct)), 1e-9)) * np.sqrt(4.0 * np.pi))
 
 
@@ -190,7 +175,6 @@ def _solved(
     center: NDArray[np.float64],  # (M, 3) of the prior
     precision: NDArray[np.float64],  # (3 M, 3 M)
     begin: NDArray[np.float64],  # (M, 3)
-    fixed: NDArray[np.float64] | float = 0.0,  # (K, 3) log radiance beside the basis
 ) -> _Optimum:
     """The most probable parameters."""
 
@@ -199,10 +183,10 @@ def _solved(
         return Cue(0.5 * float(off @ precision @ off), precision @ off, precision)
 
     def all_cues(parameters: NDArray[np.float64]) -> dict[str, Cue]:
-        return {**evidence.cues(fixed + basis @ parameters, basis), "prior": prior(parameters)}
+        return {**evidence.cues(basis @ parameters, basis), "prior": prior(parameters)}
 
     def nats(parameters: NDArray[np.float64]) -> float:
-        cues = evidence.cues(fixed + basis @ parameters)
+        cues = evidence.cues(basis @ parameters)
         return sum(cue.nats for cue in cues.values()) + prior(parameters).nats
 
     parameters, damping = begin, DAMPING[0]
@@ -303,7 +287,7 @@ def _described(evidence: Evidence, basis: Floats, lobe: SunLobe | None, best: _O
     variances = np.einsum("nm,mn->n", change, np.linalg.solve(best.curvature, change.T))
     shares = _regions(evidence)
     smooth = best.parameters[: len(best.parameters) - (lobe is not None)].copy()
-    smooth[0] += evidence.brightness(basis @ best.parameters) * np.sqrt(4.0 * np.pi)
+    smooth[0] += evidence.lacking(basis @ best.parameters) * np.sqrt(4.0 * np.pi)
     bands = len(smooth) - shares.shape[1]
     regions = tuple(Region(directions, *each) for each in zip(shares.T, smooth[bands:], strict=True))
     nats = {name: cue.nats for name, cue in best.cues.items()}

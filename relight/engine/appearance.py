@@ -2,6 +2,7 @@
 
 import os
 import warnings
+from enum import Enum
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -30,13 +31,22 @@ CHOICES = ("estimated", "captured", "white")
 
 LEAST_ALBEDO = 0.02  # to divide by
 
-WAY = 21
+WAY = 22
 """Version of the estimate of light and albedo. It increases when the numbers change, and invalidates cached
 estimates."""
 
 CAPTURE, CAPTURE_OF_PLACE = (Settings("raytraced", 8, 64, bounce_rays=rays) for rays in (16, 32))
 """Transfer and bounces for the estimate of the captured light. In a place they are those that most lights need later,
 and the cache then holds them."""
+
+
+class Place(Enum):
+    """What a capture is, for new light on it."""
+
+    OPEN = "an object or an open place, or a room that is lit from above by its captured colours"
+    ROOM = "a closed room whose lamps and windows are known"
+    SHUT = "a closed room whose lamps are known, without a window"
+    UNKNOWN = "a closed room whose light is unknown"
 
 
 class Appearance(NamedTuple):
@@ -46,7 +56,7 @@ class Appearance(NamedTuple):
     irradiance: (V, 3) float32, the captured light at every vertex, in the unit of `captured`; without an
     estimate, the captured colour over the albedo. prior: of `albedo.albedo_of`, for other colours of the scene, or
     None. capture: dict for the report, None without an estimate. trust: (V,) in [0, 1], the share of a change of light
-    that each vertex of a splat takes; None for all of it. kept: whether all colours stay as captured. room: the Room of
+    that each vertex of a splat takes; None for all of it. place: what the capture is. room: the Room of
     a closed room whose lamps and windows were separated, or None. environment: the estimated captured light, in the
     unit of `captured` and the frame of the scene, or None."""
 
@@ -56,9 +66,14 @@ class Appearance(NamedTuple):
     prior: "Prior | None" = None
     capture: dict[str, Any] | None = None
     trust: NDArray[np.float32] | None = None
-    kept: bool = False
+    place: Place = Place.OPEN
     room: "Room | None" = None
     environment: "Environment | None" = None
+
+    @property
+    def as_captured(self) -> bool:
+        """Whether all colours stay as captured, since no environment is known to enter; its effect is assumed."""
+        return self.place in (Place.SHUT, Place.UNKNOWN)
 
     def received(self, radiance: NDArray[np.float32], exposure: float = 1.0) -> NDArray[np.float32]:
         """(V, 3) float32 irradiance of vertices with exit radiance (V, 3): the radiance over the albedo.
@@ -66,7 +81,7 @@ class Appearance(NamedTuple):
         Where the estimate is not trusted, it moves towards the captured irradiance. Where splats and textures stay as
         captured, it is the irradiance that this exposure shows unchanged.
         """
-        if self.kept:
+        if self.as_captured:
             return self.irradiance / np.float32(exposure)
         if self.albedo is not None:
             radiance = np.asarray(radiance / np.maximum(self.albedo, np.float32(LEAST_ALBEDO)), np.float32)
@@ -143,7 +158,8 @@ def _without_light(
     sky = room.environment if room is not None else None
     if room is None:
         sky = Environment(kept["environment"], "captured", float(kept["light_turn"]))
-    return look._replace(kept=described["left_as_captured"], room=room, environment=sky)
+    place = Place.ROOM if room is not None else Place.UNKNOWN if described["left_as_captured"] else Place.OPEN
+    return look._replace(place=place, room=room, environment=sky)
 
 
 def _known(capture_env: "Environment | None", relighter: "Relighter") -> "Environment | None":

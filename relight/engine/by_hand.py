@@ -22,7 +22,7 @@ def can_be_set(look: Appearance, relighter: Relighter) -> bool:
     """Whether the captured light of a scene with this Appearance can be set by hand: one light was estimated, or known,
     of one capture in the open."""
     one = len(relighter.scene.source.get("objects") or ()) <= 1
-    return one and look.prior is not None and look.room is None and not look.kept and look.environment is not None
+    return one and look.prior is not None and look.room is None and not look.as_captured and look.environment is not None
 
 
 class LightByHand:

@@ -12,6 +12,7 @@ from splat2mesh.base.errors import InputError
 from splat2mesh.base.progress import Stages
 from splat2mesh.scene.foreign import AnyScene, as_scene
 
+from ..light.captured import CapturedLight
 from ..options import LightingOptions
 from ..transfer.checks import checked_albedo
 from ..transfer.precomputed import Precomputed
@@ -72,6 +73,11 @@ class Shaded(NamedTuple):
     captured: float = 0.0
     level: float = 1.0
     inserted: Any = None
+
+    @property
+    def sky(self) -> "Environment | None":
+        """The light as it shows behind the scene; None for the captured light."""
+        return None if isinstance(self.light, CapturedLight) else self.light
 
 
 class Relighter:

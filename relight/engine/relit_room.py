@@ -43,8 +43,8 @@ class RelitRoom:
 
     look: its Appearance. relighter: of the scene as it was captured. level: captured units per unit of the
     environments. lit: the Relighter of the scene as it is lit; another than that where the ceiling is taken off.
-    steady: whether the model of the room lets no environment in: its light is unknown, or it has neither window nor
-    opening. What an environment changes there is assumed.
+    lets_in: whether an environment enters by the model of the room: its light is known, and it has a window or is open.
+    Else what an environment changes is assumed.
     lamps_found: how many. lamp_factor: what their light is multiplied by.
     """
 
@@ -57,9 +57,9 @@ class RelitRoom:
         pointed = () if look.room is None else look.room.report.get("pointed", ())
         self._factors = relighter.options.lamp_factors(self.lamps_found, pointed)
         self._shut = look.room is not None and look.room.report["windows"] is None
-        self.steady = look.kept or (self._shut and not self._opened)
+        self.lets_in = not look.as_captured and (not self._shut or self._opened)
         method = relighter.options.method
-        if not self.steady and method != "auto" and method not in SHADOWING:
+        if self.lets_in and method != "auto" and method not in SHADOWING:
             problem = f"`method` {method} knows no shadows: in a closed room its light comes through the walls"
             warnings.warn(f"{problem}; auto traces rays", DataWarning, stacklevel=3)
 
@@ -81,20 +81,20 @@ class RelitRoom:
     def exposure(self) -> float | None:
         """Display value per unit of the radiance of `shading`, as the capture was exposed; None where that is not
         known, of a room that is lit by its captured colours."""
-        return 1.0 if self._look.kept else None if self._look.room is None else float(self._level)
+        return 1.0 if self._look.as_captured else None if self._look.room is None else float(self._level)
 
     def shading(self, environment: Environment) -> Shading:
         """Exit radiance, in the unit of the environment, of a room as captured in that of its colours: a Shading."""
         look, room = self._look, self._look.room
         nothing = Shading(np.zeros_like(look.captured), 0, [], self._relighter.options.unplanned)
-        if look.kept:
+        if look.as_captured:
             colors, change = self.assumed(environment), assumed_change(environment)
             ratio = np.broadcast_to(change, colors.shape).copy()
             np.divide(colors, look.captured, out=ratio, where=look.captured > 0.0)
             return nothing._replace(radiance=colors, received=(look.irradiance * ratio).astype(np.float32))
         if room is None:
             return self.lit.shading(environment, look.albedo)
-        shaded = nothing if self.steady else self.lit.shading(environment, room.albedo)
+        shaded = self.lit.shading(environment, room.albedo) if self.lets_in else nothing
         radiance = self._changed(self._level * shaded.radiance, shaded.settings)
         return shaded._replace(radiance=(radiance / self._level).astype(np.float32))
 
@@ -205,7 +205,7 @@ class RelitRoom:
         and what it adds to every light, as captured; None for nothing to add. environment: that it shows first, which
         a room that lets none in keeps."""
         look, room = self._look, self._look.room
-        if look.kept:
+        if look.as_captured:
             return np.zeros_like(look.captured), look.captured if environment is None else self.assumed(environment)
         if room is None:
             return look.albedo, None

@@ -32,23 +32,31 @@ LEAST_DEGREE = 2
 
 
 class NewLight(NamedTuple):
-    """Light that glossy surfaces mirror. light: (K, 3) SH coefficients in display units, frame of the scene. radiance:
-    (V, 3) that vertices send out, received: (V, 3) irradiance, both display units once times exposure. lamps: LampLight
-    of placed lamps, or None; lamps_exposure: display units per unit of theirs."""
+    """Light that glossy surfaces mirror. light: (K, 3) SH coefficients of the environment in display units, frame of
+    the scene. radiance: (V, 3) that vertices send out, received: (V, 3) irradiance, both display units once times
+    exposure. unit: display units per unit of the picture, of lamps and captured light. captured: factor on it. lamps:
+    LampLight of placed lamps, or None."""
 
     light: NDArray[np.float64]
     radiance: NDArray[np.float32]
     received: NDArray[np.floating]
     exposure: float
+    unit: float = 1.0
+    captured: float = 0.0
     lamps: "LampLight | None" = None
-    lamps_exposure: float = 0.0
+
+    @classmethod
+    def of(cls, shaded: "Shaded", received: NDArray[np.float32], lamps: "LampLight | None" = None) -> "NewLight":
+        """That of a Shaded, whose surfaces receive an irradiance (V, 3), beside lamps."""
+        exposure, unit = shaded.exposure, shaded.exposure / shaded.level
+        light = shaded.environment * exposure * shaded.light.sh(harmonics.MAX_BANDS)
+        return cls(light, shaded.shading.radiance, received, exposure, unit, shaded.captured, lamps)
 
 
 class SceneGloss:
     """The gloss of a scene that was made from splats.
 
-    splats: as read. binding: returns their Binding. cache: for the observations, or None. lamps: returns the LampLight
-    of lamps that shine beside every light, or None.
+    splats: as read. binding: returns their Binding. cache: for the observations, or None.
     """
 
     def __init__(
@@ -59,10 +67,9 @@ class SceneGloss:
         cache: Cache | None,
         seed: int,
         stages: Stages,
-        lamps: Callable[[], "LampLight | None"] = lambda: None,
     ) -> None:
         self._scene, self._splats, self._binding = scene, splats, binding
-        self._cache, self._seed, self._stages, self._lamps = cache, seed, stages, lamps
+        self._cache, self._seed, self._stages = cache, seed, stages
         self._reflections: Reflections | None = None
         self._glance: Looks | None = None  # the first pictures, until the others join them
 
@@ -97,26 +104,15 @@ class SceneGloss:
     def of(self, look: "Appearance") -> Gloss | None:
         """The Gloss of the scene under its captured light, or None without gloss."""
         separable = look.capture is None or bool(look.capture["separable"])
-        if look.environment is None or look.room is not None or look.kept or not separable or self.fits is None:
+        if look.environment is None or look.room is not None or look.as_captured or not separable or self.fits is None:
             return None
         return materials(self.fits, look.environment.sh(harmonics.MAX_BANDS))
 
-    def relit(self, relit: Splats, look: "Appearance", shaded: "Shaded", received: NDArray[np.float32]) -> Splats:
-        """Relit splats with the reflections of the new light.
+    def relit(self, look: "Appearance", relit: Splats, new: NewLight) -> Splats:
+        """Relit splats with the reflections of a NewLight.
 
-        relit: as `Binding.relit` gives them for the irradiance `received`, (V, 3), in the unit of the radiance.
+        relit: as `Binding.relit` gives them for the irradiance that it receives.
         """
-        if look.environment is None or self.of(look) is None:
-            return relit
-        exposure, beside = shaded.exposure, shaded.exposure / shaded.level  # of values in units of the picture
-        own = look.environment.sh(harmonics.MAX_BANDS)
-        light = shaded.environment * exposure * shaded.light.sh(harmonics.MAX_BANDS) + shaded.captured * beside * own
-        return self.under(
-            relit, look, NewLight(light, shaded.shading.radiance, received, exposure, self._lamps(), beside)
-        )
-
-    def under(self, relit: Splats, look: "Appearance", new: NewLight) -> Splats:
-        """The same under a NewLight."""
         gloss = self.of(look)
         looks = None if gloss is None else self._looks
         if gloss is None or looks is None or look.environment is None:
@@ -124,12 +120,13 @@ class SceneGloss:
         binding, lamps, exposure = self._binding(), new.lamps, new.exposure
         reflections = self._traced(looks, gloss)
         with self._stages.stage("gloss"):
-            before = reflections.seen(look.environment.sh(harmonics.MAX_BANDS), look.captured)
-            after = reflections.seen(new.light, new.radiance * np.float32(exposure))
-            if lamps is not None and new.lamps_exposure:
+            own = look.environment.sh(harmonics.MAX_BANDS)
+            before, light = reflections.seen(own, look.captured), new.light + new.captured * new.unit * own
+            after = reflections.seen(light, new.radiance * np.float32(exposure))
+            if lamps is not None and new.unit:
                 frame = np.asarray(self._scene.scene_from_splat, np.float64)
                 shining = reflections.shining(lamps.emitters, lamps.frame, frame)
-                lobes = [each + new.lamps_exposure * more for each, more in zip(after.lobe, shining, strict=True)]
+                lobes = [each + new.unit * more for each, more in zip(after.lobe, shining, strict=True)]
                 after = after._replace(lobe=lobes)
             log_gain = binding.log_gains(look.irradiance, new.received, exposure)
             return reflections.relit(relit, log_gain, before, after)

@@ -4,7 +4,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,11 +55,21 @@ BURIED = 0.9
 """Share of dark vertices above which an object is inside a wall."""
 
 
+class Held(NamedTuple):
+    """What objects keep when they move. frame: the unit Frame of the scene. diagonal: of the scene. objects: as read.
+    placed: the matrices of where they are; None where they are placed anew."""
+
+    frame: Frame
+    diagonal: float
+    objects: list[InsertedObject]
+    placed: list[NDArray[np.float64]] | None = None
+
+
 class Inserts:
     """Objects in the scene of a Relighter.
 
     asked: the requested objects. look: returns the Appearance, whose albedo bounces use. read: reads a requested
-    object, as `read_object` reads meshes.
+    object, as `read_object` reads meshes. held: of the same objects elsewhere.
     Raises InputError, on first use, for files that cannot be read.
     """
 
@@ -69,8 +79,9 @@ class Inserts:
         relighter: "Relighter",
         look: "Callable[[], Appearance]",
         read: Callable[[AskedInsert], InsertedObject] = read_object,
+        held: Held | None = None,
     ) -> None:
-        self.asked, self.relighter, self._look, self._read = list(asked), relighter, look, read
+        self.asked, self.relighter, self._look, self._read, self._given = list(asked), relighter, look, read, held
 
     @property
     def look(self) -> "Appearance":
@@ -78,47 +89,44 @@ class Inserts:
 
     def moved(self, asked: Sequence[AskedInsert]) -> "Inserts":
         """The same objects in other positions, without reading them again."""
-        other = Inserts(asked, self.relighter, self._look, self._read)
-        other.__dict__.update(objects=self.objects, _frame=self._frame, _diagonal=self._diagonal)
-        return other
+        return Inserts(asked, self.relighter, self._look, held=self._held)
 
     def posed(self, objects: list[InsertedObject]) -> "Inserts":
         """The same objects in other poses, placed by the same matrices."""
-        other = self.starting(objects)
-        other.__dict__.update(_placed=self._placed)
-        return other
+        held = self._held._replace(objects=objects, placed=self._placed)
+        return Inserts(self.asked, self.relighter, self._look, held=held)
 
     def starting(self, objects: list[InsertedObject]) -> "Inserts":
         """The same objects in other poses, dropped onto the floor."""
-        other = self.moved(self.asked)
-        other.__dict__.update(objects=objects)
-        return other
+        return Inserts(self.asked, self.relighter, self._look, held=self._held._replace(objects=objects))
 
-    @cached_property
+    @property
     def objects(self) -> list[InsertedObject]:
         """The objects as read, in their own frames."""
-        return [self._read(each) for each in self.asked]
+        return self._held.objects
 
     @cached_property
-    def _frame(self) -> Frame:
-        return Frame.around(self.relighter.scene.vertices, self.relighter.scene.faces)
-
-    @cached_property
-    def _diagonal(self) -> float:
-        return self.relighter.scene.diagonal
+    def _held(self) -> Held:
+        """What stays where they move."""
+        if self._given is not None:
+            return self._given._replace(placed=None)
+        scene = self.relighter.scene
+        frame = Frame.around(scene.vertices, scene.faces)
+        return Held(frame, scene.diagonal, [self._read(each) for each in self.asked])
 
     @cached_property
     def _placed(self) -> list[NDArray[np.float64]]:
-        scene, occluder = self.relighter.scene, self.relighter.occluder
-        objects = zip(self.asked, self.objects, strict=True)
-        where = scene, occluder, self._diagonal
-        return [placed_by(asked, each.joined("vertices"), *where) for asked, each in objects]
+        if self._given is not None and self._given.placed is not None:
+            return self._given.placed
+        scene, occluder, held = self.relighter.scene, self.relighter.occluder, self._held
+        objects = zip(self.asked, held.objects, strict=True)
+        return [placed_by(asked, each.joined("vertices"), scene, occluder, held.diagonal) for asked, each in objects]
 
     @cached_property
     def standing(self) -> Standing:
         """The objects at their positions."""
         with self.relighter.stages.stage("objects"):
-            return Standing.of(self._frame, self.objects, self._placed)
+            return Standing.of(self._held.frame, self._held.objects, self._placed)
 
     def under(
         self, around: Surroundings, received: NDArray[np.float32], check: Callable[[int], None] = lambda count: None
@@ -151,22 +159,13 @@ class Inserts:
         and strong suns it traces few rays, which find their shadows better.
         """
         around, none = before.around, np.zeros_like(before.direct)
-        at = Receiving(around.occluder.origins, around.occluder.normals)
         kept = around, before.received, before.light, before.radiance
-        soft = around.lamps is None and not any(each.suns for each in before.hidden)
-        if soft:
-            found = InsertedLight(self, *kept, none, none)
-            found.__dict__.update(softness=before.softness, hidden=before.hidden, strength=before.strength)
-            found.__dict__["ratio"] = _ratio_of(self.standing, before.hidden, at, before.strength)
-            return found
-        change = change_at(
-            around, self.standing, before.radiance, GLIMPSE_RAYS, at, self.relighter.seed, least=GLIMPSE_CONE
-        )
-        found = InsertedLight(self, *kept, change, none)
-        found.__dict__["softness"] = before.softness  # of what is received, which is the same
-        if around.lamps is None:
-            found.__dict__["hidden"] = before.hidden
-        return found
+        exact = before if before.exact is None else before.exact
+        if around.lamps is None and not any(each.suns for each in before.hidden):
+            return InsertedLight(self, *kept, none, none, exact, hides=True)
+        at, seed = Receiving(around.occluder.origins, around.occluder.normals), self.relighter.seed
+        change = change_at(around, self.standing, before.radiance, GLIMPSE_RAYS, at, seed, least=GLIMPSE_CONE)
+        return InsertedLight(self, *kept, change, none, exact)
 
     def _later(self, direct: NDArray[np.float32]) -> NDArray[np.float32]:
         """Change of the light that surfaces bounce to each other, for a change of light (V, 3) on them."""
@@ -197,7 +196,8 @@ class InsertedLight:
 
     around: the light without them. received: (V, 3) irradiance over pi in it. light: (W, 3) float32 irradiance over pi
     of the objects. radiance: (W, 3) their exit radiance. direct, later: (V, 3) change of the scene's irradiance over
-    pi, direct and by bounces.
+    pi, direct and by bounces. exact: of a glimpse, the light that it is taken from; None without. hides: whether it
+    shows what the objects hide of that light, instead of the change.
     """
 
     inserts: Inserts
@@ -207,29 +207,38 @@ class InsertedLight:
     radiance: NDArray[np.float32]
     direct: NDArray[np.float32]
     later: NDArray[np.float32]
+    exact: "InsertedLight | None" = None
+    hides: bool = False
 
     @property
     def standing(self) -> Standing:
         return self.inserts.standing
 
+    @property
+    def _at(self) -> Receiving:
+        return Receiving(self.around.occluder.origins, self.around.occluder.normals)
+
     @cached_property
     def softness(self) -> float:
         """Added to all irradiance before comparison."""
-        return SOFTNESS * float(np.median(self.received))
+        return SOFTNESS * float(np.median(self.received)) if self.exact is None else self.exact.softness
 
     @cached_property
     def hidden(self) -> "list[HiddenLight]":
         """What each object hides of the light that arrives at it."""
         from .hidden import HiddenLight
 
+        if self.exact is not None and self.around.lamps is None:
+            return self.exact.hidden
         standing = self.standing
         return [HiddenLight.of(self.around, standing, number, self.radiance) for number in range(len(standing.objects))]
 
     @cached_property
     def strength(self) -> float:
         """Factor on the logarithms of that which fits the exact ratio best: bounces, and what other surfaces hide."""
-        at = Receiving(self.around.occluder.origins, self.around.occluder.normals)
-        found, exact = np.log(_ratio_of(self.standing, self.hidden, at, 1.0)), np.log(self.ratio)
+        if self.exact is not None and self.hides:
+            return self.exact.strength
+        found, exact = np.log(_ratio_of(self.standing, self.hidden, self._at, 1.0)), np.log(self.ratio)
         own = float((found * found).sum(dtype=np.float64))
         return float(np.clip((found * exact).sum(dtype=np.float64) / own, *STRENGTHS)) if own > 0.0 else 1.0
 
@@ -237,6 +246,8 @@ class InsertedLight:
     def ratio(self) -> NDArray[np.float32]:
         """(V, 3) ratio of the light at the scene's vertices with and without the objects; exactly 1 where no change is
         visible."""
+        if self.hides:
+            return _ratio_of(self.standing, self.hidden, self._at, self.strength)
         return self.compared(self.received, self.direct + self.later)
 
     def compared(self, received: NDArray[np.float32], change: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -22,15 +22,12 @@ from ..light.daylight import DaylightRequest
 from ..light.environment import Environment
 from ..light.loading import light_of
 from ..options import DEFAULT_TOLERANCE, PLACE_TOLERANCE, LightingOptions
-from ..output.kinds import AROUND, FILES, OF_SPLATS, WITHOUT_LIGHT
+from ..output.kinds import AROUND, DEFAULT_KINDS, FILES, OF_SPLATS, WITHOUT_LIGHT
 from ..request import RelightRequest
 
 if TYPE_CHECKING:
     from ..insert.asked import AskedInsert
     from ..lamps.asked import AskedLamp
-
-DEFAULT_FORMATS = ("glb", "png")
-"""Default outputs; with a splat, the relit splat too."""
 
 
 class Inputs:
@@ -94,7 +91,7 @@ class Inputs:
             for word in self.request.formats:
                 check_choice("formats", word, tuple(FILES))
             return tuple(self.request.formats)
-        return DEFAULT_FORMATS if self.splats is None else (*DEFAULT_FORMATS, "splat")
+        return DEFAULT_KINDS if self.splats is None else (*DEFAULT_KINDS, "splat")
 
     @cached_property
     def options(self) -> LightingOptions:

@@ -7,6 +7,7 @@ job.shaded()            shade
 
 import warnings
 from collections.abc import Iterator
+from copy import copy
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -18,13 +19,12 @@ from splat2mesh.options import ConvertOptions
 from splat2mesh.scene.mesh import Mesh
 
 from ..engine.appearance import albedo_kept
-from ..engine.exposure import exposure_as_captured, level_of
+from ..engine.light_mix import LightKind
 from ..engine.relighter import Shaded, Shading
 from ..light import CAPTURED
-from ..light.captured import CapturedLight
 from ..light.environment import Environment
-from ..light.tonemap import auto_exposure
 from ..output.kinds import SUN
+from ..output.lamps_glb import PlacedLamps
 from ..request import AnyLight, RelightRequest
 from .known_scene import KnownScene
 from .meshing import is_scene, scene_folder
@@ -35,10 +35,9 @@ if TYPE_CHECKING:
     from ..insert.inserts import Inserts
     from ..insert.objects import InsertedObject
     from ..insert.probe import Light
-    from ..output.lamps_glb import PlacedLamps
     from ..planning.plan import Plan
 
-OF_ONE_LIGHT = frozenset({"environment", "plan", "lights", "room", "beside"})
+OF_ONE_LIGHT = frozenset({"environment", "plan", "lights", "room", "mix"})
 """Stages of a Job that depend on the light."""
 
 OF_SURFACES = frozenset({"glb", "ply", "npy", "png", "splat"})
@@ -55,9 +54,10 @@ class Job(KnownScene):
     def under(self, env: AnyLight) -> "Job":
         """The same job under another light. Both share every stage that does not depend on the light."""
         self.require("appearance", "formats")
-        other = Job(self.request.under(env), self.stages)
-        done = {name: made for name, made in vars(self).items() if name not in vars(other)}
-        vars(other).update({name: made for name, made in done.items() if name not in OF_ONE_LIGHT})
+        other = copy(self)
+        other.request = self.request.under(env)
+        for name in OF_ONE_LIGHT & vars(other).keys():
+            delattr(other, name)
         return other
 
     # plan
@@ -66,7 +66,7 @@ class Job(KnownScene):
     def plan(self) -> "Plan | None":
         """The Plan for all angles; None for a method without a plan and for a room that stays as captured."""
         albedo, room = self.appearance.albedo, self.room
-        if self.steady or self.keeps_captured:
+        if self.appearance.as_captured or self.light_kind is LightKind.CAPTURED:
             return None
         return (room.lit if room else self.relighter).plan_for(self.environment, albedo, len(self.request.angles_deg))
 
@@ -75,7 +75,7 @@ class Job(KnownScene):
 
         Without an estimate of the albedo, it plans with the captured colours.
         """
-        if self.choice_name != "estimated" or "appearance" in self.__dict__:
+        if self.choice_name != "estimated" or "appearance" in vars(self):
             return self.plan, ""
         relighter = self.relighter
         light = self._capture_env()
@@ -93,18 +93,18 @@ class Job(KnownScene):
         lights = self.lights
         # One light is shaded once. With several, a first pass finds the exposure, which avoids holding all in memory.
         first = self.shading(lights[0])
-        if not first.radiance.any() and lights[0].radiance.any() and not self.mixes:
+        if not first.radiance.any() and lights[0].radiance.any() and not self.light_kind.adds:
             message = "no vertex receives any light: the scene is closed, or its faces and normals point inwards"
             warnings.warn(message, DataWarning, stacklevel=2)
-        exposure = self._exposure(first)
+        exposure = self.mix.exposure(lights, first.radiance)
         yield self._with_others(Shaded(lights[0], first, exposure))
         for light in lights[1:]:
             yield self._with_others(Shaded(light, self.shading(light), exposure))
 
     def let_go(self, shaded: Shaded) -> None:
         """Free the kept bounces, most of the memory, where files need only the light of the surfaces."""
-        alone = not (self.mixes or self.asked_inserts or self.request.baked) and set(self.formats) <= OF_SURFACES
-        if alone and self.relighter.cache.settings_of("bounces"):
+        others = self.light_kind.adds or self.asked_inserts or self.request.baked or set(self.formats) - OF_SURFACES
+        if not others and self.relighter.cache.settings_of("bounces"):
             self.relighter.precomputed.forget(shaded.shading.settings._replace(bounce_rays=0))
 
     @cached_property
@@ -144,26 +144,25 @@ class Job(KnownScene):
         """The lamps beside a light at an exposure, in the frame of the scene and in display values."""
         known = not self.asked_lamps or self.request.exposure_ev is None
         radiance = self.appearance.captured if known else self.shading(light).radiance
-        return self.beside.lamps_shown(light, radiance, exposure)
+        return PlacedLamps(self.mix.lamps_shown(light, radiance, exposure), [each.name for each in self.asked_lamps])
 
     def _with_others(self, shaded: Shaded) -> Shaded:
-        shaded = self.beside.mixed(shaded) if self.mixes else shaded
+        shaded = self.mix.mixed(shaded) if self.light_kind.adds else shaded
         return shaded if self.inserts is None else self._with_objects(shaded, self.inserts)
 
     def light_around(self, shaded: Shaded) -> "Light":
         """The skies of one of the lights, and the radiance of captured lamps in it."""
         from .object_surroundings import light_under
 
-        return light_under(shaded, self.appearance, self.beside, self.mixes, self.steady)
+        return light_under(shaded, self.mix)
 
     def _with_objects(self, shaded: Shaded, inserts: "Inserts") -> Shaded:
         from .object_surroundings import surroundings_under
 
-        look, shading = self.appearance, shaded.shading
-        around = surroundings_under(shaded, self.relighter, look, self.beside, self.mixes, self.steady)
-        received = shading.received
+        shading = shaded.shading
+        around, received = surroundings_under(shaded, self.mix), shading.received
         if received is None:
-            received = look.received(shading.radiance, shaded.exposure)
+            received = self.appearance.received(shading.radiance, shaded.exposure)
         inserted = inserts.under(around, received)
         shading = shading._replace(radiance=shading.radiance * inserted.ratio, received=received)
         return shaded._replace(shading=shading, inserted=inserted)
@@ -176,8 +175,8 @@ class Job(KnownScene):
         captured light. lamps: from added lamps, bounces included. All but sun sum to the radiance.
         """
         own, scale, parts = self.shading(shaded.light), np.float32(1.0), {}
-        if self.mixes:
-            parts, scale = self.beside.parts(self.beside.level(own.radiance)), np.float32(self.beside.env_scale)
+        if self.light_kind.adds:
+            parts, scale = self.mix.parts(self.mix.level(own.radiance)), np.float32(self.mix.env_scale)
         if scale > 0.0 and own.radiance.any():
             if self.room:
                 parts["room"] = scale * own.radiance
@@ -191,30 +190,4 @@ class Job(KnownScene):
 
     def shading(self, light: Environment) -> Shading:
         """The scene under an environment alone; black for the captured light."""
-        if isinstance(light, CapturedLight):
-            return Shading(np.zeros_like(self.appearance.captured), 0, [], self.options.unplanned)
-        if self.room:
-            return self.room.shading(light)
-        return self.relighter.shading(light, self.appearance.albedo)
-
-    def _exposure(self, first: Shading) -> float:
-        """Display value per unit of radiance: 2^EV if requested; otherwise the exposure of the capture's camera under
-        an equally bright sky, within a stop of the exposure for the brightest vertices under any of the lights. Without
-        a known capture, it is the latter."""
-        if self.request.exposure_ev is not None:
-            return 2.0**self.request.exposure_ev
-        if self.mixes:  # lamps are given in units of the picture
-            return self.beside.level(first.radiance)
-        if self.room and self.room.exposure is not None:
-            return self.room.exposure
-        others = (self.shading(light).radiance for light in self.lights[1:])
-        least = min([auto_exposure(first.radiance), *map(auto_exposure, others)])
-        return exposure_as_captured(self.brightness, self.appearance.captured, self.environment, least)
-
-    def exposure_of(self, light: Environment, radiance: NDArray[np.float32] | None) -> float:
-        """The same for one other light. radiance: None in a room whose exposure is known."""
-        if self.request.exposure_ev is not None:
-            return 2.0**self.request.exposure_ev
-        if radiance is None:
-            return level_of(self.brightness, light)
-        return exposure_as_captured(self.brightness, self.appearance.captured, light, auto_exposure(radiance))
+        return self.mix.alone_under(light)

@@ -15,10 +15,10 @@ from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.cleaning import clean, sound
 
-from ..engine.appearance import Appearance, appearance_of, bounced_light
+from ..engine.appearance import Appearance, Place, appearance_of, bounced_light
 from ..engine.exposure import level_of
+from ..engine.light_mix import LightKind, LightMix, kind_of
 from ..engine.relighter import Relighter
-from ..light.captured import CapturedLight
 from ..light.environment import Environment
 from ..light.loading import light_of
 from ..output.pass_views import moved_view
@@ -28,7 +28,6 @@ from .inputs import Inputs
 from .meshing import of_splats
 
 if TYPE_CHECKING:
-    from ..engine.placed import LampLight
     from ..engine.relit_room import RelitRoom
     from ..gloss import SceneGloss
     from ..insert.asked import AskedInsert
@@ -36,7 +35,6 @@ if TYPE_CHECKING:
     from ..splats import Binding
     from ..splats.floor_mirror import FloorMirror
     from ..texture import Baked
-    from .extra_light import ExtraLight
 
 
 class KnownScene(Inputs):
@@ -114,7 +112,7 @@ class KnownScene(Inputs):
         Damaged splats are bound later, and warn then.
         """
         self.require("relighter")
-        if not (self.keeps_captured or self.options.opened):
+        if not (self.light_kind is LightKind.CAPTURED or self.options.opened):
             self.relighter.precomputed.begin()
         if self.shows_splats and self.splats is not None:
             from ..splats import Binding
@@ -170,11 +168,7 @@ class KnownScene(Inputs):
             cache=self.cache,
             seed=self.request.lighting.seed,
             stages=self.stages,
-            lamps=self._lamp_light,
         )
-
-    def _lamp_light(self) -> "LampLight | None":
-        return self.beside.lamp_light if self.mixes else None
 
     @cached_property
     def appearance(self) -> Appearance:
@@ -183,10 +177,10 @@ class KnownScene(Inputs):
         with self.stages.stage("load"):
             capture_env = self._capture_env()
         look = self._retinted(appearance_of(self._choice, capture_env, relighter))
-        if self.options.opened:  # a room whose own light is not known is lit by its captured colours
-            return look._replace(kept=False)
+        if self.options.opened:
+            return look if look.room is not None else look._replace(place=Place.OPEN)
         shut = look.room is not None and look.room.report["windows"] is None
-        return look._replace(kept=True) if shut else look
+        return look._replace(place=Place.SHUT) if shut else look
 
     def _retinted(self, look: Appearance) -> Appearance:
         """The Appearance under a captured light of the requested colour, if any."""
@@ -196,7 +190,7 @@ class KnownScene(Inputs):
         from ..engine.tint import color_where_white, retinted
 
         name = "capture_tint" if place is None else "white_at"
-        if look.environment is None or look.room is not None or look.kept or not (look.capture or {}).get("separable"):
+        if look.environment is None or look.place is not Place.OPEN or not (look.capture or {}).get("separable"):
             raise InputError(
                 f"`{name}`: it changes the light that a splat of an object or an open place was captured in"
             )
@@ -227,7 +221,8 @@ class KnownScene(Inputs):
         if closed:
             from ..engine.relit_room import RelitRoom
 
-            room = RelitRoom(look, self.relighter, self._level)
+            brightness = None if look.capture is None else look.capture["brightness"]
+            room = RelitRoom(look, self.relighter, level_of(brightness, self.environment))
         if isinstance(options.lamps, tuple):
             _ = room.lamp_factors if room else options.lamp_factors(0)  # or an InputError
         elif options.lamps != "keep" and not (room and room.lamps_found):
@@ -236,33 +231,13 @@ class KnownScene(Inputs):
         return room
 
     @property
-    def steady(self) -> bool:
-        """Whether no environment is known to enter: a closed room of unknown light, or without a window."""
-        return bool(self.room and self.room.steady)
-
-    @property
     def assumed(self) -> dict[str, Any] | None:
         """The assumption for an environment without a known way in, JSON-clean: the share of the captured
         light that comes from outside, and the factor on it, RGB; None without an assumption."""
-        change = self.beside.assumed
+        change = self.mix.assumed
         if self.room is None or change is None:
             return None
         return {"outside": self.room.outside, "change": [round(float(each), 4) for each in change]}
-
-    @property
-    def brightness(self) -> float | None:
-        """Mean luminance of the light of the capture, in captured units; None where it is not known."""
-        return self.appearance.capture["brightness"] if self.appearance.capture else None
-
-    @property
-    def _level(self) -> float:
-        """Captured units per unit of the light's radiance that make it as bright as the captured light."""
-        return level_of(self.brightness, self.environment)
-
-    @property
-    def keeps_captured(self) -> bool:
-        """Whether the light is that of the capture, changed or not."""
-        return isinstance(self.environment, CapturedLight)
 
     @property
     def lamps_found(self) -> list[dict[str, Any]]:
@@ -271,26 +246,15 @@ class KnownScene(Inputs):
         return [] if room is None else list(room.report["lamps"])
 
     @property
-    def mixes(self) -> bool:
-        """Whether the new light is more than an unchanged environment."""
-        options = self.options
-        others = bool(options.placed) or options.captured is not None or options.env_scale != 1.0
-        return others or self.keeps_captured
+    def light_kind(self) -> LightKind:
+        """What the new light is."""
+        return kind_of(self.options, self.environment)
 
     @cached_property
-    def beside(self) -> "ExtraLight":
-        """The light beside an environment."""
-        from .extra_light import ExtraLight
-
-        return ExtraLight(
-            options=self.options,
-            asked_lamps=self.asked_lamps,
-            environment=self.environment,
-            exposure_ev=self.request.exposure_ev,
-            relighter=self.relighter,
-            look=self.appearance,
-            room=self.room,
-        )
+    def mix(self) -> LightMix:
+        """All light on the scene."""
+        asked = self.options, self.asked_lamps, self.environment
+        return LightMix(*asked, self.relighter, self.appearance, self.room, self.request.exposure_ev)
 
     @cached_property
     def pass_views(self) -> "list[View] | None":

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 
 from ..engine.appearance import CHOICES, LEAST_ALBEDO
 from ..engine.by_hand import LightByHand, can_be_set
+from ..engine.light_mix import LightBeside
 from ..engine.placed import Placed
 from ..lamps.asked import AskedLamp
 from ..lamps.color import WHITE
@@ -20,7 +22,6 @@ from ..viewer.request import SessionRequest
 from .job import Job
 
 if TYPE_CHECKING:
-    from splat2mesh.base.arrays import Indices
     from splat2mesh.render.raycaster import Hits
     from splat2mesh.splats.splats import Splats
 
@@ -29,48 +30,51 @@ if TYPE_CHECKING:
     from ..splats import Binding
     from ..splats.floor_mirror import FloorMirror
     from ..viewer.lamp_source import LampParts, LampSource
-    from ..viewer.mixture import SessionMixture
     from ..viewer.object_source import ObjectSource, ObjectsUnder
-    from ..viewer.splats import Shining, SplatSource
+    from ..viewer.splats import SplatSource
 
 
 def session_of(job: Job) -> SessionRequest:
     """Return what `viewer.view` shows of a job: its albedo first, and the lights beside its own."""
-    look, room = job.appearance, job.room
-    others = {"captured": look.captured, "white": None}
+    look, room, opened = job.appearance, job.room, job.options.opened is not None
     chosen = job.choice_name if job.choice_name in CHOICES else Path(job.choice_name).stem
-    lights = Path(job.light_name)
-    exposure = None if job.request.exposure_ev is None else 2.0**job.request.exposure_ev
+    lights, asked, source = Path(job.light_name), job.request.exposure_ev, _lamp_source(job)
     albedo, by_lamps = (look.albedo, None) if room is None else room.session(job.lights[0])
-    exposure = room.exposure if room and exposure is None else exposure
-    opened = job.options.opened is not None
-    albedos = {chosen: albedo, **{name: each for name, each in others.items() if name != chosen}}
-    source = _lamp_source(job)
-    mixture = None
-    if job.mixes:
-        source.mixture(source.captured, None)  # before lamps: a relight shades by the environment first, too
-        lamp_light = job.beside.lamp_light
-        mixture = source.mixture(source.captured, None if lamp_light is None else lamp_light.placed)
+    exposure = room.exposure if room else None
+    mixture = _first_mixture(job, source) if job.light_kind.adds else None
+    others = {"captured": look.captured, "white": None}
     if mixture is not None:  # what lamps light is known for one albedo
-        albedos, exposure = {chosen: albedo}, mixture.level if exposure is None else exposure
-        by_lamps = None if job.keeps_captured or job.steady else by_lamps
-    return SessionRequest(
+        others, by_lamps = {}, None if job.mix.alone else by_lamps
+        exposure = mixture.level if exposure is None else exposure
+    request = SessionRequest(
         scene=room.lit.scene if room and opened else job.scene,
         environment=job.lights[0],
         lighting=replace(job.options, budget_s=None).planned(),  # a session has a tolerance
-        albedos=albedos,
+        albedos={chosen: albedo, **{name: each for name, each in others.items() if name != chosen}},
         environments_folder=lights.parent if lights.is_file() else None,
-        exposure=exposure,
-        cache=None if opened else job.relighter.cache,
+        exposure=exposure if asked is None else 2.0**asked,
         lamps={} if by_lamps is None else {chosen: by_lamps},
         lamps_known=bool(room and room.lamps_found),
-        state={"lamps": 1.0 if look.kept else job.options.lamp_factor},  # already in the colours of a kept room
-        splats=None if opened or job.splats is None else _splats(job, chosen, mixture),
+        state={"lamps": 1.0 if look.as_captured else job.options.lamp_factor},  # already in the colours of such a room
         mixture=mixture,
-        lamp_source=None if opened else source,
-        object_source=None if opened or not job.asked_inserts else _object_source(job),
-        hand_source=None if opened or not can_be_set(look, job.relighter) else _hand_source(job),
     )
+    if opened:
+        return request
+    return replace(
+        request,
+        cache=job.relighter.cache,
+        splats=None if job.splats is None else _splats(job, chosen, mixture),
+        lamp_source=source,
+        object_source=_object_source(job) if job.asked_inserts else None,
+        hand_source=_hand_source(job) if can_be_set(look, job.relighter) else None,
+    )
+
+
+def _first_mixture(job: Job, source: "LampSource") -> LightBeside:
+    """The light beside the environment as it is requested."""
+    source.mixture(source.captured, None)  # before lamps: a relight shades by the environment first, too
+    lamp_light = job.mix.lamp_light
+    return source.mixture(source.captured, None if lamp_light is None else lamp_light.placed)
 
 
 def _hand_source(job: Job) -> HandSource:
@@ -96,33 +100,31 @@ def _lamp_source(job: Job) -> "LampSource":
     """The LampSource of a session, with the mixture of `Job.shaded`."""
     from ..viewer.lamp_source import LampSource
 
-    beside, light = job.beside, job.lights[0]
+    mix = job.mix
     found: list[float] = []
 
     def level() -> float:
         if not found:
-            known = (
-                beside.alone or job.brightness is not None or (job.room is not None and job.room.exposure is not None)
-            )
-            found.append(beside.level(job.appearance.captured if known else job.shading(light).radiance))
+            known = mix.level_is_known
+            found.append(mix.level(job.appearance.captured if known else mix.alone_under(job.lights[0]).radiance))
         return found[0]
 
-    def mixture(captured: float, parts: "LampParts | None") -> "SessionMixture":
+    def mixture(captured: float, parts: "LampParts | None") -> LightBeside:
         placed = None if parts is None else Placed(parts.radiance, parts.received, parts.received, [])
-        return beside.of_session(light, level(), captured, placed)
+        return mix.beside(level(), captured, placed)
 
     def prepare() -> None:
         mixture(1.0, None)
-        beside.light_of([AskedLamp(SphereLamp((0.0, 0.0, 0.0), intensity=WHITE))], 1.0).glimpse()  # which compiles it
+        mix.light_of([AskedLamp(SphereLamp((0.0, 0.0, 0.0), intensity=WHITE))], 1.0).glimpse()  # which compiles it
 
     return LampSource(
-        asked=beside.asked_lamps,
-        captured=beside.captured_factor,
-        mixes=job.mixes,
+        asked=mix.asked_lamps,
+        captured=mix.captured_factor,
+        mixes=mix.kind.adds,
         prepare=prepare,
-        light_of=beside.light_of,
+        light_of=mix.light_of,
         mixture=mixture,
-        scale=lambda: beside.scale,
+        scale=lambda: mix.scale,
         first_hits=_first_hits_of(job),
         scene_from_splat=np.asarray(job.scene.scene_from_splat, np.float64),
         command=f"relight {job.name} --env {job.light_name} --captured {{captured}} --lamp {{lamps}}",
@@ -134,7 +136,7 @@ def _received_of(job: Job) -> "Callable[[NDArray[np.float32], float], NDArray[np
     look, room = job.appearance, job.room
 
     def received(radiance: NDArray[np.float32], exposure: float) -> NDArray[np.float32]:
-        if look.kept:  # the session shows the captured colours, times what its lamps are dimmed by
+        if look.as_captured:  # the session shows the captured colours, times what its lamps are dimmed by
             return look.irradiance * (radiance + LEAST_ALBEDO) / (look.captured + np.float32(LEAST_ALBEDO))
         if room and look.room is not None:
             radiance = room.as_captured(radiance, job.options.unplanned)
@@ -146,17 +148,15 @@ def _received_of(job: Job) -> "Callable[[NDArray[np.float32], float], NDArray[np
 def _object_source(job: Job) -> "ObjectSource":
     """The ObjectSource of a session."""
     from ..insert.polished import floor_under
-    from ..insert.shadowed import shadowed
     from ..output.inserted_picture import with_objects
     from ..viewer.object_source import ObjectSource
     from .object_surroundings import surroundings_in
 
     inserts = job.inserts
     assert inserts is not None
-    known = job.relighter, job.appearance, job.beside, job.mixes, job.steady
 
     def exact(asked: "Sequence[AskedInsert]", now: "ObjectsUnder", check: "Callable[..., None]") -> "InsertedLight":
-        return inserts.moved(asked).under(surroundings_in(now, *known), now.received, check)
+        return inserts.moved(asked).under(surroundings_in(now, job.mix), now.received, check)
 
     def floor(light: "InsertedLight", exposure: float) -> "FloorMirror | None":
         return None if job.mirror is None else floor_under(job.mirror, light, exposure)
@@ -166,7 +166,7 @@ def _object_source(job: Job) -> "ObjectSource":
         received=_received_of(job),
         exact=exact,
         glimpse=lambda asked, before: inserts.moved(asked).glimpse(before),
-        shadowed=lambda light, splats, exposure: shadowed(light, splats, floor(light, exposure)),
+        floor=floor,
         drawn=lambda splats, light, exposure, view, samples: with_objects(
             splats, light, exposure, view, job.scene, samples, floor(light, exposure)
         ),
@@ -174,11 +174,9 @@ def _object_source(job: Job) -> "ObjectSource":
     )
 
 
-def _splats(job: Job, chosen: str, mixture: "SessionMixture | None") -> "SplatSource":
+def _splats(job: Job, chosen: str, mixture: LightBeside | None) -> "SplatSource":
     """The splats as a session shows them: by its own albedo, or by the captured colours."""
-    from ..gloss.scene_gloss import NewLight
-    from ..sh import harmonics
-    from ..splats import shown_as_sky
+    from ..splats.sky import FarSplats, far_splats
     from ..viewer.splats import SplatLook, SplatSource
 
     look, room, splats = job.appearance, job.room, job.splats
@@ -187,29 +185,20 @@ def _splats(job: Job, chosen: str, mixture: "SessionMixture | None") -> "SplatSo
     received = _received_of(job)
 
     def binding() -> "Binding":
-        if not look.kept:
+        if not look.as_captured:
             received(np.zeros_like(look.captured), 1.0)  # the light of the capture in a room takes long, once
         return job.binding
 
-    gloss = job.gloss
-
-    def shining(relit: "Splats", new: "Shining") -> "Splats":
-        assert gloss is not None and look.environment is not None  # only objects use it
-        light = new.light + new.captured * new.unit * look.environment.sh(harmonics.MAX_BANDS)
-        lamps = job.beside.light_of(new.lamps, new.captured) if new.lamps else None
-        mirrored = NewLight(light, new.radiance, new.received, new.exposure, lamps, new.unit)
-        return gloss.under(relit, look, mirrored)
-
-    shines = gloss is not None and look.environment is not None
-    looks = {chosen: SplatLook(look.irradiance, received, shining if shines else None)}
+    gloss = None if job.gloss is None or look.environment is None else partial(job.gloss.relit, look)
+    looks = {chosen: SplatLook(look.irradiance, received, gloss)}
     if mixture is None and chosen != "captured" and room is None:
         least = np.maximum(look.captured, np.float32(LEAST_ALBEDO))
         looks["captured"] = SplatLook(
             np.ones_like(look.captured), lambda radiance, _: np.asarray(radiance / least, np.float32)
         )
 
-    def sky() -> "Indices":
-        return shown_as_sky(splats[0], job.scene, look, job.mirror)
+    def far(source: Splats) -> FarSplats:
+        return far_splats(source, job.scene, look, job.mirror)
 
-    level = job.brightness if look.kept and mixture is None else None
-    return SplatSource(splats[0], binding, looks, sky, level)
+    level = job.mix.brightness if look.as_captured and mixture is None else None
+    return SplatSource(splats[0], binding, looks, far, level)

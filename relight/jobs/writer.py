@@ -173,21 +173,14 @@ class Writer:
             seed,
             job.lamps_shown,
             job.gloss,
+            lambda: job.mix.lamp_light if job.light_kind.adds else None,
             lambda: job.mirror,
             job.texture,
         )
         live = engines = None
         if splats is not None and {"live", "web"} & set(formats):
             others = [light_of(each) for each in (*asked.lights, *BUILTIN)]
-            live = LiveFiles(
-                written,
-                others,
-                job.exposure_of,
-                asked.lighting.tolerance,
-                room=job.room,
-                mixture=job.beside.live(),
-                level_of=job.beside.level_under,
-            )
+            live = LiveFiles(written, job.mix, others, asked.lighting.tolerance)
         if asked.live_mesh or {*FOR_ENGINES} & {*formats}:
             engines = EngineFiles(written, formats, asked.live_mesh, asked.harmonics)
         around = None
@@ -242,9 +235,9 @@ def report_of(job: Job, shaded: Shaded) -> dict[str, Any]:
         "environment": {"name": light.name, "source": job.light_name, "repaired_pixels": light.repaired},
         "angle_deg": light.rotation_deg,
         "lamps": _lamps_of(job.options),
-        "placed": job.beside.in_words,
+        "placed": job.mix.in_words,
         "inserted": [described(each) for each in job.asked_inserts],
-        "captured": job.beside.captured_factor if job.mixes else None,
+        "captured": job.mix.captured_factor if job.light_kind.adds else None,
         "env_scale": job.options.env_scale,
         "assumed": job.assumed,
         "open": job.options.opened,
@@ -260,7 +253,7 @@ def report_of(job: Job, shaded: Shaded) -> dict[str, Any]:
         "bounces": [round(share, 6) for share in shading.bounces],
         "seed": job.request.lighting.seed,
         "plan": None if job.plan is None else job.plan.as_dict(),
-        "lamp_plan": None if job.beside.lamp_light is None else job.beside.lamp_light.plan_dict(),
+        "lamp_plan": None if job.mix.lamp_light is None else job.mix.lamp_light.plan_dict(),
         "rays_traced": job.relighter.rays_traced,
         "exposure": exposure,
         "files": [],

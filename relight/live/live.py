@@ -132,7 +132,7 @@ def live_of(
     room, sources, scene, assumed = shown.room, shown.sources, shown.relighter.scene, shown.assumed
     lit = relighter if room is None else room.lit
     lamps = room.lamp_factor if room is not None and room.lamps_found else None
-    if sources and room is not None and room.steady and not assumed:
+    if sources and room is not None and not room.lets_in and not assumed:
         lamps = None  # they are part of the captured light, to which no environment adds
     if not len(splats):
         raise InputError("there are no splats to light")
@@ -140,23 +140,23 @@ def live_of(
     order = _spatial_order(splats)
     binding = Binding(splats, scene, views=(), seed=seed).mirroring(shown.mirror, scene)
     kinds[~binding.lit] = UNLIT
-    if appearance.kept and not sources and not assumed:
+    if appearance.as_captured and not sources and not assumed:
         kinds[:] = UNLIT
     if sky != "keep":
         kinds[shown_as_sky(splats, scene, appearance, shown.mirror)] = SKY
     shares = (binding.surface.areas / np.bincount(binding.surface.node))[binding.surface.node]
     with relighter.stages.stage("response"):
-        known = room if room is not None and appearance.room is not None and not appearance.kept else None
+        known = room if room is not None and appearance.room is not None and not appearance.as_captured else None
         if assumed and room is not None:
             response = assumed_response(appearance, shares, room)
-        elif appearance.kept and sources:
+        elif appearance.as_captured and sources:
             response = _unchanged(len(shares))
         else:
             response = response_of(lit, appearance, settings._replace(bands=BANDS), shares, known)
         lights = [light_of(*each) for each in environments]
         if not sources:  # which have the captured light itself
             captured = capture_light(response, np.maximum(shares, 1e-12 * shares.max()), lamps or 0.0)
-            lights += [captured] if captured is not None and not appearance.kept else []
+            lights += [captured] if captured is not None and not appearance.as_captured else []
         vectors = _turned_vectors(lights)
         truth = np.einsum("vkc,tkc->vtc", response.values, vectors, optimize=True)
     with relighter.stages.stage("spread"):

@@ -71,7 +71,7 @@ def response_of(
     mean = np.zeros((SPREAD_BANDS**2 + 1, 3))
     lamps: Floats = np.zeros_like(captured)
     seen: Floats = (albedo / bright).astype(np.float32)
-    if room is None or not room.steady:
+    if room is None or room.lets_in:
         straight = relighter.precomputed.transfer(settings)[0][:, : BANDS**2]
         few = SPREAD_BANDS**2 if room is None else BANDS**2
         sent = _sent(relighter, straight[:, :few], albedo, settings)
@@ -100,7 +100,7 @@ def response_of(
         lamps = room.lamps(settings) / bright
         mean[-1] = np.einsum("cv,vc->c", weight, lamps, dtype=np.float64)
         values[:, LAMPS] = own * lamps + usual * mean[-1]
-        seen = room.changes(albedo, settings)[0] / bright if not room.steady else np.zeros_like(seen)
+        seen = room.changes(albedo, settings)[0] / bright if room.lets_in else np.zeros_like(seen)
     return Response(values, (own * seen).astype(np.float32), mean)
 
 

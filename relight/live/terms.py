@@ -13,9 +13,12 @@ from numpy.typing import NDArray
 
 from splat2mesh.scene.color import luminance
 
+from ..lamps.photometry import axis_intensity
+from ..lamps.shapes import Lamp, MeshLamp
 from ..splats.light_ratio import linear_parts
 
 if TYPE_CHECKING:
+    from ..engine.light_mix import LightMix
     from ..lamps.emitters import Emitters
     from ..transfer.occluder import Frame
 
@@ -30,6 +33,9 @@ MOST = 2.0**12
 
 MARGIN = 8.0
 """Range of the channels of a splat below the least stored ratio, since bounced light is coloured."""
+
+MOST_LAMPS = 32
+"""Most terms of lamps: further lamps share the last term and its slider."""
 
 GAP = 2
 """Largest gap of rows within a run: a run takes 8 bytes, a row 3."""
@@ -47,6 +53,43 @@ class Source(NamedTuple):
     received: NDArray[np.float32] | None
     place: list[float] | None = None
     shines: "tuple[Emitters, Frame] | None" = None
+
+
+def sources_of(mix: "LightMix") -> list[Source]:
+    """The captured light of a LightMix and each of its lamps as Sources."""
+    look, white, received = mix.look, np.ones(3), None
+    colors = mix.room.with_its_own_light() if mix.room else look.captured
+    if not np.array_equal(colors, look.captured):
+        change = np.divide(colors, look.captured, out=np.ones_like(look.captured), where=look.captured > 0.0)
+        received = change * look.irradiance
+    count, found = len(mix.asked_lamps), [Source(CAPTURED, "Captured light", white, received)]
+    alone = count if count <= MOST_LAMPS else MOST_LAMPS - 1
+    groups = [[number] for number in range(alone)] + [list(range(alone, count))] * (alone < count)
+    return found + [_of_lamps(mix, group) for group in groups]
+
+
+def _of_lamps(mix: "LightMix", group: list[int]) -> Source:
+    """The Source of lamps by their numbers."""
+    light, lamps = mix.lamp_light, [mix.lamps[number] for number in group]
+    assert light is not None
+    color = np.sum([axis_intensity(lamp) for lamp in lamps], axis=0)
+    several = len(lamps) > 1 or any(isinstance(lamp, MeshLamp) and lamp.radiance.ndim == 2 for lamp in lamps)
+    direct, tint = as_white(light.direct_of(*group), color, several)
+    if len(lamps) == len(mix.lamps) and (tint > 0.0).all():  # the result has their light
+        received = np.asarray(light.placed.received / tint, np.float32)
+    else:  # bounces keep the colours apart
+        received = light.with_bounces(direct).received
+    if len(lamps) > 1:
+        return Source(LAMP, f"{len(lamps)} more lamps", tint, received)
+    name = mix.asked_lamps[group[0]].name or f"Lamp {group[0] + 1}"
+    return Source(LAMP, name, tint, received, _place_of(lamps[0]), (light.emitters.of_lamp(*group), light.frame))
+
+
+def _place_of(lamp: Lamp) -> list[float]:
+    """Position of a lamp, (3,): its middle, or an end of a tube."""
+    if isinstance(lamp, MeshLamp):
+        return [float(each) for each in lamp.vertices.mean(axis=0)]
+    return [float(each) for each in next(getattr(lamp, n) for n in ("position", "center", "start") if hasattr(lamp, n))]
 
 
 class Term(NamedTuple):

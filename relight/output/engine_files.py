@@ -120,7 +120,7 @@ class EngineFiles:
             rows = shown_as_sky(self._splats, self._scene, self._appearance, mirror)
             with self._stages.stage("albedo splats"):
                 sky = "keep" if self._sky == "keep" else "drop"
-                used = None if self._appearance.kept else binding
+                used = None if self._appearance.as_captured else binding
                 bare = albedo_splats(self._splats, used, self._appearance, rows, self._harmonics, sky)
                 self._bare = bare, normals_of(binding)
         return cast(tuple[Splats, NDArray[np.float32]], self._bare)

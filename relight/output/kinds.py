@@ -1,36 +1,63 @@
-"""The outputs of relight, by the word of `--format`, and the names of their files."""
+"""The register of outputs of relight, by the word of `--format`: their files, needs, options and writers."""
 
-FILES = {
-    "glb": "relit.glb",
-    "ply": "relit.ply",
-    "npy": "radiance.npy",
-    "splat": "relit_splat.ply",
-    "albedo-splat": "albedo_splat.ply",
-    "splat-glb": "relit_splat.glb",
-    "usd": "relit_splat.usdc",
-    "png": "preview.png",
-    "live": "live/live.json",
-    "web": "relit.html",
-    "probe": "probe.exr",
-    "catcher": "catcher.ply",
-    "clean-splat": "clean_splat.ply",
-    "passes": "passes.exr",
+from typing import NamedTuple
+
+
+class Output(NamedTuple):
+    """An output. file: its name. of_splats: whether it needs the splats of the scene. writer: what writes it and names
+    its files, a field of `results.OwnWriters`; "" for those that `results.Results` writes itself. options: fields of
+    the request that have a meaning with it alone. needs: a field without which it holds nothing, and why."""
+
+    file: str
+    of_splats: bool = False
+    writer: str = ""
+    options: tuple[str, ...] = ()
+    needs: tuple[str, str] | None = None
+
+
+OUTPUTS = {
+    "glb": Output("relit.glb", options=("live_mesh",)),
+    "ply": Output("relit.ply"),
+    "npy": Output("radiance.npy"),
+    "splat": Output("relit_splat.ply", True),
+    "albedo-splat": Output("albedo_splat.ply", True, "engines"),
+    "splat-glb": Output("relit_splat.glb", True, "engines"),
+    "usd": Output("relit_splat.usdc", True, "engines"),
+    "png": Output("preview.png"),
+    "live": Output("live/live.json", True, "live", ("lights",)),
+    "web": Output("relit.html", True, "live", ("lights",)),
+    "probe": Output("probe.exr", True, "around", ("probe_at", "probes")),
+    "catcher": Output(
+        "catcher.ply",
+        True,
+        "around",
+        needs=("inserted", "it holds the change that objects make; give an object, as `inserted`"),
+    ),
+    "clean-splat": Output("clean_splat.ply", True, "clean"),
+    "passes": Output("passes.exr", False, "passes", ("cameras", "color_space")),
 }
 
-FOR_ENGINES = ("albedo-splat", "splat-glb", "usd")
-"""Kinds that `engine_files.EngineFiles` writes."""
+FILES = {word: each.file for word, each in OUTPUTS.items()}
 
-AROUND = ("probe", "catcher")
-"""Kinds with the surrounding light and the changes that objects make; `around_files.AroundFiles` writes them."""
 
-WITHOUT_LIGHT = ("clean-splat",)
-"""Kinds that do not depend on the light; `clean_files.CleanFiles` writes them."""
+def written_by(writer: str) -> tuple[str, ...]:
+    """Return the words of what a field of `results.OwnWriters` writes."""
+    return tuple(word for word, each in OUTPUTS.items() if each.writer == writer)
 
-APART = ("live", "web", "passes", *FOR_ENGINES, *AROUND, *WITHOUT_LIGHT)
-"""Kinds with a separate writer, which names its files."""
 
-OF_SPLATS = ("splat", "live", "web", *FOR_ENGINES, *AROUND, *WITHOUT_LIGHT)
+def kinds_with(option: str) -> tuple[str, ...]:
+    """Return the words of the outputs for which a field of the request has a meaning; none where it has one anyway."""
+    return tuple(word for word, each in OUTPUTS.items() if option in each.options)
+
+
+FOR_ENGINES, AROUND, WITHOUT_LIGHT = written_by("engines"), written_by("around"), written_by("clean")
+"""Kinds that other programs read; with the surrounding light; that do not depend on the light."""
+
+OF_SPLATS = tuple(word for word, each in OUTPUTS.items() if each.of_splats)
 """Kinds that need the splats of the scene."""
+
+DEFAULT_KINDS = ("glb", "png")
+"""Default outputs; with a splat, the relit splat too."""
 
 CITY_FILES = ("glb", "ply", "npy", "splat", "sog")
 """The formats of a tile of a city; sog is one streamed SOG of all."""

@@ -1,21 +1,17 @@
 """Write what is live, once for a scene: the bundle that loaders read, and the page that relights."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from ..engine.light_mix import LightMix
 from ..light import SUN_TOLERANCE
 from ..light.captured import CapturedLight
-from ..live.mixture import Mixture
 from ..transfer.settings import BOUNCE_RAYS, BOUNCE_TOLERANCE, BOUNCES, Settings
 from .subject import WrittenScene
 
 if TYPE_CHECKING:
     from ..engine.relighter import Relighter
-    from ..engine.relit_room import RelitRoom
     from ..light.environment import Environment
     from ..live.objects import LiveObjects
 
@@ -23,29 +19,19 @@ if TYPE_CHECKING:
 class LiveFiles:
     """Writes live.json with its files, and the page.
 
-    written: with splats. others: lights beside the one shown first. exposure_of: function of a light and the
-    radiance (V, 3) of the vertices in it, None in a room whose exposure is known: display value per radiance.
-    tolerance: relative error that the bytes may add.
-    room: the RelitRoom that the scene is, or None. mixture: what is beside the environment. level_of: function like
-    exposure_of: units of the picture per radiance, where there is a mixture.
+    written: with splats. mix: the light on the scene. others: lights beside the one shown first. tolerance: relative
+    error that the bytes may add.
     """
 
     def __init__(
-        self,
-        written: WrittenScene,
-        others: "Sequence[Environment]",
-        exposure_of: "Callable[[Environment, NDArray[np.float32] | None], float]",
-        tolerance: float | None = None,
-        room: "RelitRoom | None" = None,
-        mixture: Mixture | None = None,
-        level_of: "Callable[[Environment, NDArray[np.float32] | None], float]" = lambda light, radiance: 1.0,
+        self, written: WrittenScene, mix: LightMix, others: "Sequence[Environment]", tolerance: float | None = None
     ) -> None:
         assert written.splats is not None  # else nobody asks
         self._relighter, self._appearance, self._splats = written.relighter, written.appearance, written.splats[0]
         self._others = [each for each in others if not isinstance(each, CapturedLight)]  # which has a place of its own
-        self._exposure_of, self._tolerance, self._sky, self._seed = exposure_of, tolerance, written.sky, written.seed
-        self._room, self._gloss, self._mirror = room, written.gloss, written.mirror
-        self._mixture, self._level_of = mixture or Mixture(), level_of
+        self._mix, self._room, self._exposed = mix, mix.room, mix.exposure_ev is not None
+        self._tolerance, self._sky, self._seed = tolerance, written.sky, written.seed
+        self._gloss, self._mirror = written.gloss, written.mirror
         self._live: dict[bool, Any] = {}
 
     def write(
@@ -80,8 +66,9 @@ class LiveFiles:
     def _prepared(self, light: "Environment") -> Any:
         """All but the light that is shown first."""
         from ..live.live import LiveScene, live_of
+        from ..live.terms import sources_of
 
-        mixes = self._mixes(light)
+        mixes = self._mix.under(light).kind.adds
         if mixes not in self._live:
             others = {each.name: each for each in self._others if each.name != light.name}
             settings = self._settings(next(iter(others.values())) if isinstance(light, CapturedLight) else light)
@@ -89,21 +76,21 @@ class LiveFiles:
             as_captured = self._room is not None and self._room.exposure is not None
             lights = []
             for each in others.values():
-                if self._assumed:
-                    exposure = self._exposure_of(each, None) if self._mixture.exposed else 1.0
+                if self._mix.assumes:
+                    exposure = self._mix.exposure_of(each, None) if self._exposed else 1.0
                     lights.append((each, *self._assumed_light(each, exposure)))
                     continue
                 radiance = None if as_captured else self._lit.shading(each, albedo, traced).radiance
-                exposure = (self._level_of if mixes else self._exposure_of)(each, radiance)
+                exposure = self._mix.level(radiance, each) if mixes else self._mix.exposure_of(each, radiance)
                 lights.append((each, exposure, self._lamps(each, exposure)))
             shown = LiveScene(
                 self._relighter,
                 self._appearance,
                 self._splats,
                 self._room,
-                self._mixture.sources(self._appearance) if mixes else (),
+                sources_of(self._mix) if mixes else (),
                 None if self._gloss is None else self._gloss.textured(self._appearance),
-                self._assumed,
+                self._mix.assumes,
                 self._mirror(),
             )
             found = live_of(shown, lights, settings, self._tolerance, self._sky, self._seed)
@@ -120,26 +107,22 @@ class LiveFiles:
         scene = self._relighter.scene
         return None if scene.is_place else Catcher(scene, RayCaster(scene.vertices, scene.faces)).ground()
 
-    def _mixes(self, light: "Environment") -> bool:
-        """Whether there is light beside this one."""
-        return self._mixture.asked or isinstance(light, CapturedLight)
-
     def _shown(self, light: "Environment", exposure: float) -> Any:
         """The light that is shown first, not turned, and what is beside it."""
         from ..live.lights import captured_alone, light_of
 
         if isinstance(light, CapturedLight):
-            return captured_alone(self._captured(light), exposure)
-        if self._assumed:
+            return captured_alone(self._mix.under(light).captured_factor, exposure)
+        if self._mix.assumes:
             return light_of(light.rotated(-light.rotation_deg), *self._assumed_light(light, exposure))
         found = light_of(light.rotated(-light.rotation_deg), exposure, self._lamps(light, exposure))
-        if not self._mixes(light):
+        if not self._mix.under(light).kind.adds:
             return found
-        if not self._mixture.exposed:
+        if not self._exposed:
             return self._beside(found, light)
         known = self._room is not None and self._room.exposure is not None
         radiance = None if known else self._lit.shading(light, self._appearance.albedo).radiance
-        return self._beside(found, light, exposure / self._level_of(light, radiance))
+        return self._beside(found, light, exposure / self._mix.level(radiance, light))
 
     def _mixed(self, live: Any, first: "Environment") -> Any:
         """A Live whose lights have the requested light beside them, and the captured light, unless it comes first."""
@@ -147,30 +130,17 @@ class LiveFiles:
 
         by_name = {each.name: each for each in self._others}
         lights = live.lights
-        if not self._assumed:  # by which no light has another beside it
+        if not self._mix.assumes:  # by which no light has another beside it
             lights = [self._beside(each, by_name[each.name]) for each in lights]
         if not isinstance(first, CapturedLight):
-            lights.append(captured_alone(self._captured(CapturedLight())))
+            lights.append(captured_alone(self._mix.under(CapturedLight()).captured_factor))
         return live._replace(lights=lights)
 
     def _beside(self, found: Any, light: "Environment", unit: float = 1.0) -> Any:
         """A Light with the light beside it. An environment without effect shows only through windows."""
-        captured = self._captured(light)
-        steady = self._room is not None and self._room.steady
-        return found._replace(captured=captured, unit=unit).times(captured if steady else self._mixture.env_scale)
-
-    def _captured(self, light: "Environment") -> float:
-        """How much of the captured light is beside a light, as `ExtraLight.captured_factor` has it."""
-        steady = self._room is not None and self._room.steady
-        given = self._mixture.captured
-        return float(isinstance(light, CapturedLight) or steady) if given is None else given
-
-    @property
-    def _assumed(self) -> bool:
-        """Whether environments change the room by an assumption, as in `ExtraLight`: no environment is known to get
-        in, and the request leaves the captured light as it is."""
-        asked = self._mixture.captured is not None or self._mixture.light is not None
-        return self._room is not None and self._room.steady and self._appearance.kept and not asked
+        captured = self._mix.under(light).captured_factor
+        scale = captured if self._appearance.as_captured else self._mix.options.env_scale
+        return found._replace(captured=captured, unit=unit).times(scale)
 
     def _assumed_light(self, light: "Environment", exposure: float) -> tuple[float, float]:
         """Display value per radiance by that assumption, and the factor on lamps, of what is shown at an exposure."""
@@ -178,7 +148,7 @@ class LiveFiles:
 
         assert self._room is not None
         lamps = self._room.lamp_factor if self._room.lamps_found else 0.0
-        return exposure * assumed_exposure(light, self._mixture.env_scale), exposure * lamps
+        return exposure * assumed_exposure(light, self._mix.options.env_scale), exposure * lamps
 
     @property
     def _lit(self) -> "Relighter":
@@ -188,7 +158,12 @@ class LiveFiles:
     def _lamps(self, light: "Environment", exposure: float) -> float:
         """Factor on the light of a room's lamps, at the exposure of a light beside it."""
         capture, room = self._appearance.capture, self._room
-        if room is None or not room.lamps_found or capture is None or (room.steady and self._mixes(light)):
+        if (
+            room is None
+            or not room.lamps_found
+            or capture is None
+            or (self._appearance.as_captured and self._mix.under(light).kind.adds)
+        ):
             return 0.0
         mean = light.mean_luminance
         return room.lamp_factor * (exposure * mean / capture["brightness"] if mean > 0.0 else 1.0)
@@ -196,7 +171,7 @@ class LiveFiles:
     def _settings(self, light: "Environment") -> Settings:
         """The settings of the first light's plan; other lights are unknown, so bounces are always included."""
         options = self._relighter.options
-        if self._room is not None and self._room.steady:
+        if self._appearance.as_captured:
             return options.unplanned
         settings = self._lit.shading(light, self._appearance.albedo).settings
         if settings.rays and BOUNCES in options.chosen_effects and not settings.bounce_rays:

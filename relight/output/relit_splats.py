@@ -2,18 +2,28 @@
 
 import json
 from collections.abc import Callable, Mapping
+from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from splat2mesh.base.arrays import Radiance
+from splat2mesh.base.progress import Stages
 from splat2mesh.scene.color import luminance
 from splat2mesh.splats.formats import can_hold, kind_of, sog_writing, write_splats
+from splat2mesh.splats.joining import joined
 from splat2mesh.splats.splats import Splats
 
 from ..engine.assumed_light import assumed_change
-from ..light.captured import CapturedLight
+from ..gloss.scene_gloss import NewLight
+from ..insert.polished import floor_under, images_of
+from ..insert.shadowed import shadowed
+from ..light.environment import Environment
+from ..splats.binding import ROUNDS, Binding
+from ..splats.light_ratio import Usual
+from ..splats.sky import FarSplats, far_splats
 from ..transfer.store import array_key
 from .kinds import FILES
 from .subject import WrittenScene
@@ -29,6 +39,50 @@ LEAST_LIGHT = 1e-6
 """Mean luminance of an environment below which its sky is black."""
 
 
+class BoundSplats(NamedTuple):
+    """Splats bound to their mesh, and what a light changes of them.
+
+    binding: their Binding. before: (V, 3) captured irradiance over pi. far: what shows the sky, or None. gloss: takes
+    relit splats and a NewLight, and returns the splats with its reflections; None without. floor: returns the floor
+    that mirrors in them in the light on objects, at an exposure, or None.
+    """
+
+    binding: Binding
+    before: Radiance
+    far: FarSplats | None = None
+    gloss: Callable[[Splats, NewLight], Splats] | None = None
+    floor: "Callable[[InsertedLight, float], FloorMirror | None]" = lambda inserted, exposure: None
+
+
+class SplatLight(NamedTuple):
+    """A light on splats. received: (V, 3) irradiance over pi. exposure: display value per unit of it. mirrored: what
+    glossy ones mirror, or None. inserted: what objects change, or None. sky: the light itself, turned, or None to leave
+    the far ones. sky_factor: display value per unit of its radiance. usual: the typical change, where it is known."""
+
+    received: NDArray[np.floating]
+    exposure: float = 1.0
+    mirrored: NewLight | None = None
+    inserted: "InsertedLight | None" = None
+    sky: Environment | None = None
+    sky_factor: float = 1.0
+    usual: Usual | None = None
+
+
+def relit(splats: BoundSplats, light: SplatLight, rounds: int = ROUNDS, stages: Stages | None = None) -> Splats:
+    """Return splats in a light, row by row. rounds: of the fit in views."""
+    stages = stages or Stages()
+    with stages.stage("relight splats"):
+        found = splats.binding.relit(splats.before, light.received, light.exposure, rounds, light.usual)
+    if splats.gloss is not None and light.mirrored is not None:
+        found = splats.gloss(found, light.mirrored)
+    if light.inserted is not None:
+        found = shadowed(light.inserted, found, splats.floor(light.inserted, light.exposure))
+    if splats.far is None or light.sky is None:
+        return found
+    with stages.stage("relight splats"):
+        return splats.far.under(found, light.sky, light.sky_factor)
+
+
 class RelitSource:
     """The splats of a written scene, in any of its lights."""
 
@@ -37,49 +91,33 @@ class RelitSource:
         self._splats: Splats | None
         self._splats, self._paths = written.splats or (None, [])
         self._scene, self._stages, self._sky = written.relighter.scene, written.relighter.stages, written.sky
-        self._sky_rows: Any = None
-        self._far: Any = None
-        self._mirror, self._cache = written.mirror, written.relighter.cache
+        self._mirror, self._cache, self._lamp_light = written.mirror, written.relighter.cache, written.lamp_light
+
+    @cached_property
+    def _far(self) -> FarSplats:
+        assert self._splats is not None  # not called otherwise
+        return far_splats(self._splats, self._scene, self._appearance, self._mirror(), self._cache, self._sky)
 
     def relit(self, shaded: "Shaded") -> Splats:
         """The splats in the new light, row by row those of the source, in its frame."""
-        from ..splats import shown_as_sky, under_sky
-        from ..splats.sky import dimmed
-
-        assert self._splats is not None  # not called otherwise
-        if self._sky_rows is None:
-            mirror, self._far = self._mirror(), self._scene.background_splats
-            self._far = self._far if mirror is None else mirror.spared(self._far)
-            self._sky_rows = shown_as_sky(self._splats, self._scene, self._appearance, mirror, self._cache)
-        light, shading, exposure, backdrop = shaded[:4]
-        inserted = shaded.inserted
-        rows, frame = self._sky_rows, self._scene.scene_from_splat
-        capture = self._appearance.capture
-        if capture is not None and self._appearance.kept and shaded.environment > 0.0:
+        far, look, light, exposure = self._far, self._appearance, shaded.light, shaded.exposure
+        factor = exposure * shaded.backdrop
+        if look.capture is not None and look.as_captured and shaded.environment > 0.0:
             # The sky is as bright beside what was captured as it was then.
-            behind = capture["brightness"] / max(light.mean_luminance, LEAST_LIGHT)
-            if shading.received is None:
-                return under_sky(self._splats, rows, light, frame, behind, self._sky)
-            backdrop = behind / exposure * float(luminance(assumed_change(light)))
-        binding = self._bound()
-        with self._stages.stage("relight splats"):
-            received = self.received(shading)
-            relit = binding.relit(self._appearance.irradiance, received, exposure)
-        if self._gloss is not None:
-            relit = self._gloss.relit(relit, self._appearance, shaded, received)
-        if inserted is not None:
-            from ..insert.shadowed import shadowed
-
-            relit = shadowed(inserted, relit, self.floor_under(inserted, exposure))
-        with self._stages.stage("relight splats"):
-            if isinstance(light, CapturedLight) and self._sky == "new":  # no lamp reaches that far
-                return dimmed(relit, self._splats, self._far, exposure * backdrop)
-            return under_sky(relit, rows, light, frame, exposure * backdrop, self._sky)
+            factor = look.capture["brightness"] / max(light.mean_luminance, LEAST_LIGHT)
+            if shaded.shading.received is None:
+                return far.under(far.source, light, factor)
+            factor = exposure * (factor / exposure * float(luminance(assumed_change(light))))
+        gloss, received = self._gloss, self.received(shaded.shading)
+        mirrored = None if gloss is None else NewLight.of(shaded, received, self._lamp_light())
+        shining = None if gloss is None else partial(gloss.relit, look)
+        bound = BoundSplats(self._bound(), look.irradiance, far, shining, self.floor_under)
+        return relit(
+            bound, SplatLight(received, exposure, mirrored, shaded.inserted, light, factor), stages=self._stages
+        )
 
     def floor_under(self, inserted: "InsertedLight", exposure: float) -> "FloorMirror | None":
         """The floor that mirrors, in the light on objects; None without one. exposure: of the light."""
-        from ..insert.polished import floor_under
-
         mirror = self._mirror()
         return None if mirror is None else floor_under(mirror, inserted, exposure)
 
@@ -88,10 +126,6 @@ class RelitSource:
         splats, floor = inserted.splats_put_in(exposure), self.floor_under(inserted, exposure)
         if splats is None or floor is None:
             return splats
-        from splat2mesh.splats.joining import joined
-
-        from ..insert.polished import images_of
-
         return joined([splats, images_of(splats, floor, self._scene)])
 
     def without_objects(self, shaded: "Shaded") -> Splats:

@@ -14,12 +14,11 @@ from numpy.typing import NDArray
 from splat2mesh.base.beside import Beside
 from splat2mesh.splats.splats import Splats
 
-from ..light.captured import CapturedLight
 from . import mesh_files
 from .around_files import AroundFiles
 from .clean_files import CleanFiles
 from .engine_files import EngineFiles
-from .kinds import APART, FILES, SHEET
+from .kinds import FILES, OUTPUTS, SHEET
 from .live_files import LiveFiles
 from .offered_lights import offered_pictures
 from .pass_files import PassFiles
@@ -91,7 +90,7 @@ class Results:
         """Fill an existing folder: (names of the files, further entries of the report)."""
         pictured = "png" in self._kinds or "splat" in self._kinds  # what is written as a splat is shown too
         kinds = {*self._kinds, "png"} if pictured else self._kinds
-        names = [FILES[kind] for kind in FILES if kind in kinds and kind not in APART]
+        names = [each.file for kind, each in OUTPUTS.items() if kind in kinds and not each.writer]
         facts: dict = {}
         relit = glb = files = None
         with ExitStack() as begun:
@@ -226,7 +225,7 @@ class Results:
 
         points = np.concatenate([pose.standing.vertices for pose in poses])
         camera = camera_of(poses[len(poses) // 2], self._scene, points)
-        light = None if isinstance(shaded.light, CapturedLight) else shaded.light
+        light = shaded.sky
         radiance = shaded.shading.radiance / shaded.inserted.ratio
         if self._splats is None:
             exposure = shaded.exposure
@@ -242,7 +241,7 @@ class Results:
 
     def _of_splats(self, picture: Any, relit: Splats, shaded: "Shaded") -> NDArray[np.uint8]:
         """A picture of relit splats with the inserted objects."""
-        light = None if isinstance(shaded.light, CapturedLight) else shaded.light
+        light = shaded.sky
         if shaded.inserted is not None:
             from .inserted_picture import with_objects
 
@@ -258,7 +257,7 @@ class Results:
 
     def _painted(self, relit: Splats | None, shaded: "Shaded") -> NDArray[np.uint8]:
         """The picture, (H, W, 3) uint8: of the relit splats, else of the texture, else of the mesh, as there are."""
-        light = None if isinstance(shaded.light, CapturedLight) else shaded.light
+        light = shaded.sky
         exposure, behind = shaded.exposure, shaded.exposure * shaded.backdrop
         self._picture = self._picture or self._new_picture(None)
         if relit is not None:
@@ -294,7 +293,7 @@ class Results:
         of the lights that an estimate offered."""
         look = self._appearance
         self._picture = self._picture or self._new_picture(None)
-        estimated = look.prior is not None and not look.kept and look.albedo is not None
+        estimated = look.prior is not None and not look.as_captured and look.albedo is not None
         if self._splats is None:
             found = [(BEFORE[0], self._picture.of_vertices(look.captured, None, 1.0))]
         else:

@@ -22,6 +22,7 @@ from splat2mesh.splats.splats import SH_C0, Splats
 from ..albedo.division import weighted_quantile
 from ..albedo.seen import standing
 from ..light import SKIES
+from ..light.captured import CapturedLight
 from ..light.tonemap import tone_map
 from ..transfer.store import Cache, array_key
 from .hanging_sky import hanging_sky
@@ -72,7 +73,7 @@ def shown_as_sky(
     before it, also near surfaces where it is known from where the capture looked. In the windows of a closed room, and
     where all stays as captured, all of the background. What lies below a floor that mirrors shows the room."""
     rows = scene.background_splats
-    indoors = appearance.room is not None or appearance.kept
+    indoors = appearance.room is not None or appearance.as_captured
     if not indoors and len(rows):
         rows = _kept_rows(splats, rows, scene, Cache() if cache is None else cache)
     return rows if mirror is None else mirror.spared(rows)
@@ -211,6 +212,40 @@ def _surface(height: Floats, color: Floats, level: float) -> Mask:
     surface = (height < BELOW) | (bright < DARK * level)
     surface |= (green - np.maximum(red, blue) > GREEN) & (bright < GREEN_PART * level)
     return surface | ((red - blue > WARM) & (bright < WARM_PART * level))
+
+
+class FarSplats(NamedTuple):
+    """What of splats shows the sky. source: as captured, in every row. rows: (M,) that show it. far: (F,) of all of the
+    far background. scene_from_splat: (4, 4). choice: of SKIES. eye: (3,) from where they are seen, in the splats'
+    frame; the middle of the others without."""
+
+    source: Splats
+    rows: Indices
+    far: Indices
+    scene_from_splat: ArrayLike
+    choice: str = "new"
+    eye: Vector | None = None
+
+    def under(self, relit: Splats, light: "Environment", factor: float) -> Splats:
+        """Relit splats, in every row, with the sky of a light, turned as the scene is lit, of which they show `factor`
+        times the radiance. The captured light stays as it is, so many times as bright."""
+        if isinstance(light, CapturedLight) and self.choice == "new":  # no lamp reaches that far
+            return dimmed(relit, self.source, self.far, factor)
+        return under_sky(relit, self.rows, light, self.scene_from_splat, factor, self.choice, self.eye)
+
+
+def far_splats(
+    splats: Splats,
+    scene: Scene,
+    appearance: "Appearance",
+    mirror: "FloorMirror | None" = None,
+    cache: Cache | None = None,  # of the scene
+    choice: str = "new",
+) -> FarSplats:
+    """The FarSplats of these Splats of a Scene; what a floor mirrors is not among them."""
+    far = scene.background_splats if mirror is None else mirror.spared(scene.background_splats)
+    rows = shown_as_sky(splats, scene, appearance, mirror, cache)
+    return FarSplats(splats, rows, far, scene.scene_from_splat, choice)
 
 
 def under_sky(

@@ -13,11 +13,10 @@ from splat2mesh.splats.splats import Splats
 from splat2mesh.tiles.store import Store
 from splat2mesh.tiles.survey import splats_from
 
-from ..light.captured import CapturedLight
 from ..light.environment import Environment
 from ..splats.attachment import Patches, Surface
 from ..splats.light_ratio import log_gain, relit_sh
-from ..splats.sky import Backdrop, backdrop_of, dimmed, is_sky, under_sky
+from ..splats.sky import Backdrop, FarSplats, backdrop_of, is_sky
 
 SAMPLE = 200_000
 """Far splats of all pieces in the sample that separates sky from objects."""
@@ -86,11 +85,9 @@ def relit_background(
     if choice == "keep" or not finite.any():
         return splats
     rows = np.flatnonzero(finite)
-    if isinstance(sky, CapturedLight) and choice == "new":
-        return dimmed(splats, splats, rows, exposure)
     shown = is_sky(splats.take(rows), background.backdrop)
     other, sh = rows[~shown], splats.sh.copy()
     sh[other] = relit_sh(sh[other], background.patches.seen_from(splats.means[other]), background.mean)
     relit = replace(splats, sh=sh)
     eye = background.backdrop.middle
-    return under_sky(relit, rows[shown], sky, scene_from_splat, exposure, choice, eye)
+    return FarSplats(splats, rows[shown], rows, scene_from_splat, choice, eye).under(relit, sky, exposure)

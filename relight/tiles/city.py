@@ -14,11 +14,11 @@ from splat2mesh.tiles.store import Store
 from splat2mesh.tiles.tasks import Task, costs, tiling_engine
 from splat2mesh.tiles.tileset import tileset
 
+from ..lamps.placing import asked_lamps
 from ..light.loading import light_of
 from ..options import PLACE_TOLERANCE
 from ..output.kinds import CITY_FILES
 from ..request import RelightRequest
-from .mixture import lamps_asked
 from .parts import room_for
 from .shared import LIGHT, write_sky
 from .streamed import FOLDER, META, lod_meta
@@ -124,7 +124,7 @@ class CityRun:
         name = f"{self._light.name}_{self._angle_deg:.6f}".rstrip("0").rstrip(".")
         self._folder = folder or f"relit/{name}"
         self._options = request.lighting.planned(PLACE_TOLERANCE)
-        lamps_asked(self._options)  # an unreadable light fails before any work
+        asked_lamps(self._options.placed)  # an unreadable light fails before any work
         self._steps, self._stages = TaskSteps(self._store, engine, stages), stages
         pieces = range(len(self._plan.pieces))
         self._dealt = [self._store.read_json(f"splats/{number:05d}.json")["dealt"] for number in pieces]

@@ -20,20 +20,26 @@ from splat2mesh.tiles.plan import folder_of
 from splat2mesh.tiles.store import Store
 from splat2mesh.tiles.survey import splats_from
 
-from ..engine.appearance import CAPTURE, CAPTURE_OF_PLACE, LEAST_ALBEDO
+from ..engine.appearance import CAPTURE, CAPTURE_OF_PLACE, Appearance
+from ..engine.light_mix import LightMix
+from ..lamps.placing import asked_lamps
 from ..light.captured import CapturedLight
 from ..light.environment import Environment
 from ..options import LightingOptions
+from ..output.relit_splats import BoundSplats, SplatLight, relit
 from ..splats.light_ratio import Usual, log_gain
 from .background import background_of, far_splats, relit_background
 from .local import NEAR, Local, TileNeighborhood, far_scene
-from .mixture import environment_shading, is_mixed, lamps_asked, look_of, mixture_of, tolerance_of
+from .mixture import CityMixture
 from .parts import room_for
 from .shared import Shared, coarse_city, read_sky, write_shared
 from .streamed import FOLDER, environment_files, tile_levels
 
 if TYPE_CHECKING:
     from ..engine.relighter import Relighter
+
+CITY_METRE = 1.0
+"""Splat units to a metre in a city: captures of that size are mostly placed by GPS, whose unit is a metre."""
 
 DIAGONAL = 10.0
 """Size of the scene of a tile's splats, in distances between stations, for any size of tile and part. It decides how
@@ -51,9 +57,7 @@ def common_light(
     """Estimate the captured light and the exposure from the coarse city, write FOLDER/light.npz, and return facts."""
     from ..albedo import estimate
     from ..albedo.samples import vertex_areas
-    from ..engine.exposure import exposure_as_captured, level_of
     from ..engine.relighter import Relighter
-    from ..light.tonemap import auto_exposure
 
     shared = coarse_city(store, read_sky(store, folder))
     scene, sky = far_scene(shared), shared.sky
@@ -62,31 +66,29 @@ def common_light(
     facts: dict[str, Any] = {"vertices": len(captured)}
     colors: Any = None if albedo == "white" else captured
     before: Any = captured if albedo == "white" else np.ones_like(captured)
-    brightness: Any = None
+    capture: dict[str, Any] | None = None
     if albedo == "estimated":
         found = estimate(relighter.occluder, captured, options.seed, transport=relighter.transport(CAPTURE))
         if found.separable:
-            capture = Environment(found.environment.radiance, "the capture")
-            shared, before = shared._replace(capture=capture, prior=found.prior), found.irradiance
+            own = Environment(found.environment.radiance, "the capture")
+            shared, before = shared._replace(capture=own, prior=found.prior), found.irradiance
         facts |= {
             "separable": bool(found.separable),
             "reason": found.reason,
             "evidence": round(float(found.evidence), 3),
         }
-        colors, brightness = found.albedo, found.brightness
-    shading = environment_shading(relighter, sky, colors)
-    received = _irradiance(shading.radiance, colors)
-    exposure = exposure_as_captured(brightness, captured, sky, auto_exposure(shading.radiance))
-    if is_mixed(options, sky):
-        look = look_of(colors, captured, before)
-        unknown = brightness is None and not isinstance(sky, CapturedLight)
-        exposure = auto_exposure(shading.radiance) if unknown else level_of(brightness, sky)
-        mixture = mixture_of(options, relighter, look, sky, exposure, lamps_asked(options))
-        mixed = mixture.shading(look, shading, mixture.placed(relighter, look, tolerance_of(options)))
-        assert mixed.received is not None  # of a mixture it is known
-        shared, received = shared._replace(mixture=mixture), mixed.received
+        colors = found.albedo
+        capture = None if found.brightness is None else {"brightness": found.brightness}
+    look = Appearance(colors, captured, before, capture=capture)
+    mix = LightMix(options, asked_lamps(options.placed), sky, relighter, look, exposure_ev=ev, metre=CITY_METRE)
+    shading = mix.alone_under(sky)
+    exposure = mix.exposure([sky], shading.radiance)
+    received: Any = look.received(shading.radiance)
+    if mix.kind.adds:
+        mixture = CityMixture.of(mix, mix.level(shading.radiance))
+        received = mixture.beside(relighter, look).shading(look, shading).received
+        shared = shared._replace(mixture=mixture)
         facts["lamps"] = len(mixture.lamps)
-    exposure = exposure if ev is None else 2.0**ev
     shared = shared._replace(exposure=exposure)
     after = received * np.float32(exposure)
     shares = vertex_areas(relighter.occluder)
@@ -184,21 +186,20 @@ def _lit_part(
     relighter = Relighter(local.scene, request.options, shown=lambda: local.shown)
     captured = local.scene.colors_linear
     colors, before = _albedo(relighter, captured, shared, request.albedo, request.options.seed)
-    mixture, placed, look = None, None, look_of(colors, captured, before)
+    mixture, beside, look = None, None, Appearance(colors, captured, before)
     if shared.mixture is not None:
         shown = local.scene.vertices[local.shown][:, [0, 2]].astype(np.float64)
-        mixture = shared.mixture.near(shown.min(axis=0), shown.max(axis=0), tolerance_of(request.options))
-        placed = mixture.placed(relighter, look, tolerance_of(request.options))
+        mixture = shared.mixture.near(shown.min(axis=0), shown.max(axis=0), request.options.accepted_error)
+        beside = mixture.beside(relighter, look)
     plan = None if isinstance(shared.sky, CapturedLight) else relighter.plan_for(shared.sky, colors)
     if plan is not None:
         relighter.precomputed.forget(plan.settings)  # used for the captured light alone
-    shading = environment_shading(relighter, shared.sky, colors)
+    shading = LightMix(request.options, (), shared.sky, relighter, look).alone_under(shared.sky)
     del relighter, plan  # which hold all that was traced
     give_back()
-    received = _irradiance(shading.radiance, colors)
-    if mixture is not None:
-        shading = mixture.shading(look, shading, placed)
-        assert shading.received is not None  # of a mixture it is known
+    received: Any = look.received(shading.radiance)
+    if beside is not None:
+        shading = beside.shading(look, shading)
         received = shading.received
     own = np.flatnonzero(local.own)
     facts = {"bands": shading.settings.bands, "rays": shading.settings.rays, "suns": shading.sun_count}
@@ -215,11 +216,6 @@ def _places(splats: Splats, shared: Shared) -> Floats:
     matrix = shared.scene_from_splat
     with np.errstate(invalid="ignore", over="ignore"):
         return np.nan_to_num(splats.means @ matrix[[0, 2], :3].T + matrix[[0, 2], 3])
-
-
-def _irradiance(radiance: Radiance, colors: Radiance | None) -> Radiance:
-    """Irradiance (V, 3) for an exit radiance of surfaces with albedo (V, 3), white for None."""
-    return radiance if colors is None else radiance / np.maximum(colors, np.float32(LEAST_ALBEDO))
 
 
 def _albedo(
@@ -255,7 +251,8 @@ def _relit_sh(
     near = Scene(local.scene.chunks[: local.near], scene_from_splat=matrix)
     count, scale = near.vertex_count, float(np.cbrt(np.linalg.det(matrix[:3, :3])))
     bound = Binding(splats, near, views=(), diagonal=DIAGONAL * spacing / scale)
-    return bound.relit(before[:count], after[:count], shared.exposure, usual=shared.usual).sh
+    light = SplatLight(after[:count], shared.exposure, usual=shared.usual)
+    return relit(BoundSplats(bound, before[:count]), light).sh
 
 
 def relit_far(store: Store, folder: str, key: str, piece: int, sky: str) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from splat2mesh.base.arrays import Triple
 from splat2mesh.base.errors import InputError
 from splat2mesh.scene.color import luminance
 
+from ..engine.light_mix import LightBeside
 from ..lamps.asked import LARGEST_EV, AskedLamp, Brightness, resolve
 from ..lamps.fields import changed
 from ..lamps.photometry import axis_intensity
@@ -20,7 +21,6 @@ from .history import Timeline
 from .lamp_bench import LampBench, without_color
 from .lamp_board import BoardState, LampBoard
 from .lamp_source import LampSource
-from .mixture import SessionMixture
 
 _NOT_HERE = "the lamps of this session cannot be changed: open it by `relight SCENE --view`, or `view_request`"
 
@@ -32,7 +32,7 @@ class LampEditing:
     frame of the splat. Every change can be undone.
     """
 
-    def __init__(self, source: LampSource | None, mixture: SessionMixture | None) -> None:
+    def __init__(self, source: LampSource | None, mixture: LightBeside | None) -> None:
         self._mixture, self.timeline = mixture, Timeline()
         self.board: LampBoard | None = None
         self.bench: LampBench | None = None

@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.errors import InputError
 
+from ..engine.light_mix import LightBeside
 from ..lamps.asked import AskedLamp, resolve
 from ..lamps.color import WHITE
 from ..lamps.photometry import axis_intensity
 from .lamp_board import BoardLamp, BoardState, LampBoard
 from .lamp_source import LampSource
-from .mixture import SessionMixture
 from .worker import Superseded
 
 MOST_FINISHED = 8
@@ -67,13 +67,13 @@ class LampBench:
     ready: whether glimpses can be taken. message: the text to show on the present lamps, or "".
     """
 
-    def __init__(self, source: LampSource, board: LampBoard, first: SessionMixture | None) -> None:
+    def __init__(self, source: LampSource, board: LampBoard, first: LightBeside | None) -> None:
         self.source, self.board, self.ready = source, board, False
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="lamps")
         self._running: tuple[BoardState, Future] | None = None
         self._wanted = board.state
         self._events: queue.SimpleQueue[tuple[str, Any, Any]] = queue.SimpleQueue()
-        self._finished: dict[BoardState, SessionMixture | None] = {board.start: first}
+        self._finished: dict[BoardState, LightBeside | None] = {board.start: first}
         self._terms: dict[Hashable, LampTerm] = {}
         self._glimpses: dict[Hashable, LampTerm] = {}
         self._parts: dict[int, tuple[AskedLamp, LampTerm, LampTerm | None, LampSum]] = {}
@@ -128,7 +128,7 @@ class LampBench:
                 self._running = self._wanted, self._thread.submit(self._warmed, self._wanted)
         return changed
 
-    def mixture(self) -> SessionMixture | None:
+    def mixture(self) -> LightBeside | None:
         """The light now shown beside the environment; None for none."""
         state, shown = self.board.state, (self.board.state, self._news)
         if shown == self._shown:
@@ -228,7 +228,7 @@ class LampBench:
         if term.radiance is not None:
             _keep(self._bounced, lamps[0].number, term, 2 * MOST_ALONE)
 
-    def _take_finished(self, state: BoardState, found: tuple[SessionMixture, bool]) -> None:
+    def _take_finished(self, state: BoardState, found: tuple[LightBeside, bool]) -> None:
         first = self._finished.pop(self.board.start)
         _keep(self._finished, state, found[0], MOST_FINISHED)
         self._finished[self.board.start] = first

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from splat2mesh.render.raycaster import Hits
 
+from ..engine.light_mix import LightBeside
 from ..lamps.asked import AskedLamp, LampScale
-from .mixture import SessionMixture
 
 
 class LampParts(Protocol):
@@ -46,7 +46,7 @@ class LampSource(NamedTuple):
 
     asked, captured: the lamps at the start, in the frame of the splat, and the factor on the captured light. mixes:
     whether there is light beside the environment at the start. prepare: the long work, done once. light_of: the
-    LampTracer of lamps beside a factor on the captured light. mixture: the SessionMixture of a factor on the captured
+    LampTracer of lamps beside a factor on the captured light. mixture: the LightBeside of a factor on the captured
     light and LampParts, or None for no lamps. scale: the LampScale. first_hits: the hits of rays (N, 6) in the frame of
     the scene; distances in lengths of their directions. command: the command that relights with the saved lamps.
     """
@@ -56,7 +56,7 @@ class LampSource(NamedTuple):
     mixes: bool
     prepare: Callable[[], None]
     light_of: Callable[[Sequence[AskedLamp], float], LampTracer]
-    mixture: Callable[[float, LampParts | None], SessionMixture]
+    mixture: Callable[[float, LampParts | None], LightBeside]
     scale: Callable[[], LampScale]
     first_hits: Callable[[NDArray[np.float32]], Hits]
     scene_from_splat: NDArray[np.float64]

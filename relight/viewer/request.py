@@ -13,11 +13,11 @@ from ..options import LightingOptions
 if TYPE_CHECKING:
     from splat2mesh.scene.foreign import AnyScene
 
+    from ..engine.light_mix import LightBeside
     from ..light.environment import Environment
     from ..transfer.store import Cache
     from .hand_source import HandSource
     from .lamp_source import LampSource
-    from .mixture import SessionMixture
     from .object_source import ObjectSource
     from .splats import SplatSource
 
@@ -48,7 +48,7 @@ class SessionRequest:
         Name of an albedo -> radiance of surfaces under the lamps of a room, beside every environment.
     lamps_known : bool
         Whether those lamps can be separated from other light, and dimmed.
-    mixture : SessionMixture, optional
+    mixture : LightBeside, optional
         Light beside the environment: captured light and placed lamps.
     lamp_source : LampSource, optional
         Lights added lamps; without it none can be added.
@@ -70,7 +70,7 @@ class SessionRequest:
     cache: "Cache | None" = None
     lamps: Mapping[str, NDArray[np.floating]] | None = None
     lamps_known: bool = True
-    mixture: "SessionMixture | None" = None
+    mixture: "LightBeside | None" = None
     lamp_source: "LampSource | None" = None
     object_source: "ObjectSource | None" = None
     hand_source: "HandSource | None" = None

@@ -19,6 +19,7 @@ from splat2mesh.base.arrays import Triple
 from splat2mesh.base.errors import InputError
 from splat2mesh.scene.foreign import as_scene
 
+from ..engine.light_mix import LightBeside
 from ..light.environment import turned_about_y
 from ..light.tonemap import auto_exposure
 from ..planning.effects import BOUNCES, SHADOWS
@@ -26,7 +27,6 @@ from .answers import Answers, LightWorker
 from .editing import LampEditing
 from .hand_bench import HandBench
 from .lighting import LightWish, check_albedos
-from .mixture import SessionMixture
 from .modes import MODES
 from .object_bench import ObjectBench
 from .object_light import light_key, light_now
@@ -244,7 +244,7 @@ class Session(LampEditing, Answers):
         return self._lamps_known and (mixture is None or mixture.env_scale > 0.0)
 
     @property
-    def mixture(self) -> SessionMixture | None:
+    def mixture(self) -> LightBeside | None:
         """The present light beside the environment, or None. Lamps are known for the first albedo only."""
         if self.bench is None:
             return self._mixture

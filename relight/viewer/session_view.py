@@ -8,11 +8,12 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from splat2mesh.scene.scene import Scene
 
+    from ..engine.light_mix import LightBeside
     from ..insert.inserts import InsertedLight
     from .hand_bench import HandBench
+    from .lamp_bench import LampBench
     from .lamp_board import LampBoard
     from .lighting import ConvergedLight, SessionLight
-    from .mixture import SessionMixture
     from .object_bench import ObjectBench
     from .state import State
 
@@ -45,7 +46,10 @@ class SessionView(Protocol):
     def reference(self) -> "ConvergedLight | None": ...
 
     @property
-    def mixture(self) -> "SessionMixture | None": ...
+    def mixture(self) -> "LightBeside | None": ...
+
+    @property
+    def bench(self) -> "LampBench | None": ...
 
     @property
     def board(self) -> "LampBoard | None": ...

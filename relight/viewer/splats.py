@@ -3,63 +3,45 @@
 A thread binds splats to their mesh and fits them to its light, since both take longer than a frame.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.errors import InputError
-from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.splats import Splats
 
+from ..engine.light_mix import LightBeside, Received
+from ..gloss.scene_gloss import NewLight
+from ..light.captured import CapturedLight
 from ..light.environment import Environment, turned_about_y
-from .mixture import SessionMixture
+from ..output.relit_splats import LEAST_LIGHT, BoundSplats, SplatLight, relit
+from ..splats.binding import ROUNDS
+from ..splats.sky import FarSplats
 
 if TYPE_CHECKING:
     from ..insert.inserts import InsertedLight
-    from ..lamps.asked import AskedLamp
     from ..splats import Binding
     from .session_view import SessionView
-
-LEAST_LIGHT = 1e-6
-"""Mean luminance of an environment below which its sky is black."""
 
 WAITING = "binding the splats to the mesh"
 """Text of the panel until then, while the captured splats show."""
 
 
-class Shining(NamedTuple):
-    """Light that glossy splats mirror in a session. light: (K, 3) SH coefficients of the environment, display units.
-    radiance: (V, 3) that vertices send out, received: (V, 3) irradiance, display units once times exposure. unit:
-    display units per unit of the picture, of lamps and captured light. captured: factor on it. lamps: placed ones."""
-
-    light: NDArray[np.float64]
-    radiance: NDArray[np.float32]
-    received: NDArray[np.floating]
-    exposure: float
-    unit: float = 1.0
-    captured: float = 0.0
-    lamps: "Sequence[AskedLamp]" = ()
-
-
-ShineUnder: TypeAlias = Callable[[Splats, Shining], Splats]
-"""Type of `SplatLook.gloss`."""
-
-
 class SplatLook(NamedTuple):
     """How splats take the light under one albedo. before: (V, 3) captured irradiance, unit of the
-    captured colours. received: returns the irradiance (V, 3) of a radiance (V, 3) and an exposure. gloss: takes relit
-    splats and the Shining of a light, and returns the splats with its reflections; None without."""
+    captured colours. received: returns the irradiance (V, 3) of a radiance (V, 3) and an exposure. gloss: as of
+    BoundSplats."""
 
     before: NDArray[np.float32]
-    received: Callable[[NDArray[np.float32], float], NDArray[np.floating]]
-    gloss: ShineUnder | None = None
+    received: Received
+    gloss: Callable[[Splats, NewLight], Splats] | None = None
 
 
-def beside(alone: Shining, mixture: SessionMixture, lamps: "Sequence[AskedLamp]") -> Shining:
-    """The Shining of an environment beside the captured light and lamps of a mixture."""
+def beside(alone: NewLight, mixture: LightBeside, lamps: Any) -> NewLight:
+    """The NewLight of an environment beside the captured light and lamps, a LampLight or None, of a mixture."""
     return alone._replace(
         light=mixture.env_scale * alone.light,
         radiance=mixture.with_environment(alone.radiance),
@@ -69,18 +51,23 @@ def beside(alone: Shining, mixture: SessionMixture, lamps: "Sequence[AskedLamp]"
     )
 
 
+def _no_sky(source: Splats) -> FarSplats:
+    nothing = np.zeros(0, np.int64)
+    return FarSplats(source, nothing, nothing, np.eye(4))
+
+
 class SplatSource(NamedTuple):
     """The splats of a scene, and the functions that relight them.
 
     captured: Splats, in their own frame. binding: returns their Binding. looks: name of an albedo -> SplatLook; under
-    others the mesh shows. sky: returns the rows (M,) of splats that show the sky. sky_level: mean luminance at which
+    others the mesh shows. far: returns the FarSplats of the captured ones. sky_level: mean luminance at which
     they show it, in captured units, or None for the session's exposure.
     """
 
     captured: Splats
     binding: Callable[[], "Binding"]
     looks: Mapping[str, SplatLook]
-    sky: Callable[[], NDArray[np.int64]] = lambda: np.zeros(0, np.int64)
+    far: Callable[[Splats], FarSplats] = _no_sky
     sky_level: float | None = None
 
 
@@ -90,8 +77,8 @@ class _Wanted(NamedTuple):
     radiance: NDArray[np.float32]
     exposure: float
     albedo: str
-    sky: tuple | None  # name, angle and whether it is shown; None where no splat shows it
-    mixture: SessionMixture | None
+    sky: tuple[str | None, float, bool] | None  # name, angle and whether it is shown; None where no splat shows it
+    mixture: LightBeside | None
     inserted: "InsertedLight | None" = None
 
     def same(self, other: "_Wanted | None") -> bool:
@@ -109,7 +96,7 @@ class RelitSplats:
     def __init__(self, source: SplatSource) -> None:
         self.source, self.failure = source, ""
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="splats")
-        self._bound: Future = self._thread.submit(lambda: (source.binding(), source.sky()))
+        self._bound: Future = self._thread.submit(lambda: (source.binding(), source.far(source.captured)))
         self._bound_reported = False
         self._pending: tuple[_Wanted, Future] | None = None
         self._exact: tuple[_Wanted, Splats] | None = None
@@ -148,49 +135,24 @@ class RelitSplats:
         radiance, mixture = session.environment_radiance(), session.mixture
         if radiance is None or not self._bound.done() or self._bound.exception() is not None:
             return self.source.captured
-        binding, rows = self._bound.result()
-        state, light = session.state, session.light
-        sky = (session.light_name, state.angle_deg, state.sky) if len(rows) else None
+        binding, far = self._bound.result()
+        state = session.state
+        sky = (session.light_name, state.angle_deg, state.sky) if len(far.rows) else None
         wanted = _Wanted(radiance, session.exposure(), state.albedo, sky, mixture, session.inserted)
         if self._exact is not None and wanted.same(self._exact[0]):
             return self._exact[1]
 
-        source, sky_exposure = self.source, session.sky_exposure()
-        lamps = () if session.board is None else [lamp.asked for lamp in session.board.state.lamps]
-
-        def relit(rounds: int | None) -> Splats:
-            look = self.source.looks[wanted.albedo]
-            received = look.received if mixture is None else mixture.receives(look.received)
-            after = received(wanted.radiance, wanted.exposure)
-            more = {} if rounds is None else {"rounds": rounds}
-            inserted, objects = wanted.inserted, session.objects
-            found = binding.relit(look.before, after, wanted.exposure, **more)
-            if look.gloss is not None and rounds is None and light is not None:
-                shining = turned_about_y(light.coefficients, state.angle_deg) * wanted.exposure
-                mirrored = Shining(shining, wanted.radiance, after, wanted.exposure)
-                found = look.gloss(found, mirrored if mixture is None else beside(mirrored, mixture, lamps))
-            if inserted is not None and rounds is None and objects is not None:
-                found = objects.source.shadowed(inserted, found, wanted.exposure)
-            if mixture is not None and mixture.keeps_sky:
-                from ..splats.sky import dimmed
-
-                return dimmed(found, source.captured, session.scene.background_splats, sky_exposure)
-            if sky is None or light is None:
-                return found
-            return _under(
-                found, rows, light.sky, wanted._replace(exposure=sky_exposure), session.scene, self.source.sky_level
-            )
-
+        relit_now = self._relighting(session, wanted, binding, far)
         try:
             if wait:
-                self._exact = wanted, relit(None)
+                self._exact = wanted, relit_now()
                 return self._exact[1]
             if rests and session.objects_settled and self._pending is None:
-                self._pending = wanted, self._thread.submit(relit, None)
+                self._pending = wanted, self._thread.submit(relit_now)
             if self._quick is None or not wanted.same(self._quick[0]):
                 plain = wanted._replace(inserted=None)
                 if self._plain is None or not plain.same(self._plain[0]):
-                    self._plain = plain, relit(0)
+                    self._plain = plain, relit_now(0)
                 inserted = wanted.inserted
                 # At the vertices, without edges: while objects move, only the splats that they change get new colours.
                 found = self._plain[1] if inserted is None else binding.shaded(self._plain[1], inserted.ratio)
@@ -200,24 +162,60 @@ class RelitSplats:
             return self.source.captured
         return self._quick[1]
 
+    def _relighting(
+        self, session: "SessionView", wanted: _Wanted, binding: "Binding", far: FarSplats
+    ) -> Callable[..., Splats]:
+        """The function that relights the splats as a session wants them now: all, or with 0 rounds what is quick."""
+        look, state, light, mixture = self.source.looks[wanted.albedo], session.state, session.light, wanted.mixture
+        objects, mirrored = session.objects, _mirrored(session, wanted, look.gloss is not None)
+        own_sky = mixture is not None and mixture.keeps_sky
+        sky_exposure, exposure = session.sky_exposure(), wanted.exposure
+        receives = look.received if mixture is None else mixture.receives(look.received)
+        bound = BoundSplats(binding, look.before, far, look.gloss)
+        if not (state.sky or own_sky):
+            bound = bound._replace(far=far._replace(choice="drop"))
+        if objects is not None:
+            bound = bound._replace(floor=objects.source.floor)
+
+        def relit_now(rounds: int = ROUNDS) -> Splats:
+            under = SplatLight(receives(wanted.radiance, exposure), exposure)
+            if own_sky:
+                under = under._replace(sky=CapturedLight(), sky_factor=sky_exposure)
+            elif wanted.sky is not None and light is not None:
+                sky = Environment(light.sky, wanted.sky[0] or "").rotated(wanted.sky[1])
+                under = self._under_sky(under, sky, sky_exposure)
+            if rounds:
+                under = under._replace(mirrored=mirrored(under.received), inserted=wanted.inserted)
+            return relit(bound, under, rounds)
+
+        return relit_now
+
+    def _under_sky(self, light: SplatLight, sky: Environment, exposure: float) -> SplatLight:
+        """The light with an environment, turned, in the sky."""
+        level = self.source.sky_level
+        factor = 1.0 if level is None else level / max(sky.mean_luminance, LEAST_LIGHT)
+        return light._replace(sky=sky, sky_factor=exposure * factor)
+
     def close(self) -> None:
         """Stop all requests."""
         self._thread.shutdown(wait=False, cancel_futures=True)
 
 
-def _under(
-    splats: Splats,
-    rows: NDArray[np.int64],
-    sky: NDArray[np.float32],
-    wanted: _Wanted,
-    scene: Scene,
-    level: float | None,
-) -> Splats:
-    """The Splats with the new sky on sky splats, or without them if no sky shows."""
-    from ..splats import under_sky
+def _mirrored(
+    session: "SessionView", wanted: _Wanted, glossy: bool
+) -> Callable[[NDArray[np.floating]], NewLight | None]:
+    """The function for what glossy splats mirror of the present light of a session, whose vertices receive so much."""
+    state, light, board, bench, mixture = session.state, session.light, session.board, session.bench, wanted.mixture
+    lamps = [] if board is None else [lamp.asked for lamp in board.state.lamps]
 
-    assert wanted.sky is not None
-    name, angle_deg, shown = wanted.sky
-    environment = Environment(sky, name).rotated(angle_deg)
-    exposure = wanted.exposure * (1.0 if level is None else level / max(environment.mean_luminance, LEAST_LIGHT))
-    return under_sky(splats, rows, environment, scene.scene_from_splat, exposure, "new" if shown else "drop")
+    def mirrored(received: NDArray[np.floating]) -> NewLight | None:
+        if not glossy or light is None:
+            return None
+        shining = turned_about_y(light.coefficients, state.angle_deg) * wanted.exposure
+        alone = NewLight(shining, wanted.radiance, received, wanted.exposure)
+        if mixture is None:
+            return alone
+        traced = bench.source.light_of(lamps, mixture.captured) if bench is not None and lamps else None
+        return beside(alone, mixture, traced)
+
+    return mirrored

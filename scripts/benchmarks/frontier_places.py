@@ -98,7 +98,7 @@ def made(kind, options):
 def measured(place, report):
     """(name, rows) of the panels that make sense for a place."""
     panels = place.options.panels
-    if "sky" in panels and not place.job.steady:
+    if "sky" in panels and not place.job.appearance.as_captured:
         yield f"sky {place.options.env}", place.sky(report)
     if "lamp" in panels:
         yield "lamp", place.lamp()
@@ -173,7 +173,7 @@ class Place:
         request = RelightRequest(self.scene, "captured", options, formats=("npy",), caching="none")
         job = Job(request)
         vars(job).update(appearance=self.look, room=self.room)
-        light = job.beside.lamp_light
+        light = job.mix.lamp_light
         light.prepare()  # the bounces that the estimate of the captured light has traced
         return light
 

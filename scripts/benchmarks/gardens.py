@@ -107,7 +107,7 @@ def measured(job, truth, name, fades):
         "self_db": capture["self_relight_db"],
         **{key: capture[key] for key in ("mesh_self_relight_db", "distrusted_share", "brightness", "concentration")},
         "under_sky": look.trust is not None,
-        "kept": look.kept,
+        "kept": look.as_captured,
     }
 
 

@@ -66,7 +66,7 @@ def compared(kind, kind_of_lamp, seed, options):
         direct = tracer.direct(probes, DIRECT_PART * options.samples // 2, half)
         halves.append(mesh.albedo[probes] * (direct + tracer.indirect(probes, options.samples // 2, 2 + half)))
     true, found = (halves[0] + halves[1]) / 2, shaded.shading.radiance[probes]
-    light = job.beside.lamp_light
+    light = job.mix.lamp_light
     return {
         "vertices": len(mesh.vertices),
         "rays": 0 if light is None else light.plan.rays,

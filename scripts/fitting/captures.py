@@ -32,7 +32,7 @@ def load(folder, part):
         for seed in seeds:
             for path in sorted(Path(folder).glob(f"{kind}{seed}-*.npz")):
                 with np.load(path) as file:
-                    found.append({name: file[name] for name in file.files})
+                    found.append({name: file[name] for name in file.files} | {"scene": f"{kind}{seed}"})
     return found
 
 

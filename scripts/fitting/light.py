@@ -5,12 +5,14 @@ one gain for each colour, and a fifth of the loss without any gain. The choose a
 """
 
 import json
+from collections import defaultdict
 
 import numpy as np
 
 from relight.albedo import fitted, natural, posterior
 from relight.albedo.evidence import Evidence, LitPlaces, SeenSky
-from splat2mesh.scene.color import srgb_from_linear
+from relight.sh import harmonics
+from splat2mesh.scene.color import luminance, srgb_from_linear
 
 from .captures import DIRECTIONS, harmonics_of, load
 
@@ -24,9 +26,7 @@ STEPS = {
     "clipped": 3.0,
     "parallel_slope": 4.0,
     "slanted_slope": 4.0,
-    "albedo": 1.15,
     "albedo_spread": 1.5,
-    "sky_level": 1.5,
     "warmth_spread": 1.7,
     "green_spread": 1.7,
     "color_spread": 2.0,
@@ -38,6 +38,9 @@ PLAIN = 0.2
 
 CEILING_DB = 28.0
 """PSNR of a relit splat whose light is known: errors of the light add to its error."""
+
+DIMMEST = 1e-3
+"""Light that places receive at least where the median albedo is found."""
 
 LEAST_GAIN = 0.005
 """Of the loss, in dB, for which a number is changed."""
@@ -86,6 +89,18 @@ def score(captures, numbers):
     return np.array(rows)
 
 
+def usual_albedo(captures):
+    """(mean, spread) of the log median albedo of scenes, each under its true lights; of none, NaN."""
+    medians = defaultdict(list)
+    for capture in captures:
+        light = harmonics.evaluate(capture["directions"], 8) @ capture["light"]
+        received = luminance(capture["sky"] @ light.astype(np.float32) + capture["bounced"])
+        ratio = luminance(capture["captured"]) / np.maximum(received, DIMMEST)
+        medians[capture["scene"]].append(float(np.median(np.log(ratio))))
+    means = np.array([np.mean(each) for each in medians.values()])
+    return float(means.mean()), float(means.std())
+
+
 def search(captures, numbers, rounds, say):
     """The numbers that lose least."""
 
@@ -110,7 +125,13 @@ def search(captures, numbers, rounds, say):
 def fit(folder, rounds=2, say=print):
     """Fit on the part "fit" of a corpus, score all parts, and write fitted.json."""
     parts = {part: load(folder, part) for part in ("fit", "choose", "test")}
-    numbers = search(parts["fit"], fitted.FITTED, rounds, say) if rounds else fitted.FITTED
+    numbers = fitted.FITTED
+    if rounds:
+        for name, outdoors in (("albedo", False), ("albedo_outdoors", True)):
+            mean, spread = usual_albedo([each for each in parts["fit"] if ("sky_seen" in each) == outdoors])
+            numbers = numbers._replace(**{name: float(np.exp(mean))})
+            say(f"{name} {np.exp(mean):.3f}, its logarithm varies by {spread:.2f}")
+        numbers = search(parts["fit"], numbers, rounds, say)
     rows = {part: score(captures, numbers) for part, captures in parts.items() if captures}
     held = {}
     for part, each in rows.items():

@@ -107,7 +107,7 @@ def test_every_word_reaches_its_field():
         ({"exposure_ev": float("nan")}, "`exposure_ev` nan"),
         ({"angles_deg": ()}, "`angles_deg`: 0 angles"),
         ({"live_mesh": True, "formats": ["npy"]}, "`live_mesh`: it belongs to the format glb"),
-        ({"lights": ["noon"]}, "`lights` noon: only the formats live and web"),
+        ({"lights": ["noon"]}, "`lights`: it belongs to the format live or web"),
         ({"clear_cache": True, "caching": "none"}, "`clear_cache`: without a cache"),
         ({"animated": True, "angles_deg": (0.0, 1.0)}, "`angles_deg`: an animation has one angle"),
     ],

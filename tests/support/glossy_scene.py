@@ -5,12 +5,14 @@ from functools import cache
 import numpy as np
 from live_scene import LIGHTS, SETTINGS, live_scene
 
-from relight import Environment
-from relight.engine.placed import LampLight
+from relight import Environment, LightingOptions
+from relight.engine.light_mix import LightMix
 from relight.gloss import Gloss
+from relight.lamps.asked import AskedLamp, Brightness
 from relight.lamps.shapes import RectangleLamp, SphereLamp
+from relight.light.captured import CapturedLight
 from relight.live.live import LiveScene, live_of
-from relight.live.mixture import Mixture
+from relight.live.terms import sources_of
 from relight.splats import Binding
 
 OWN = "studio"
@@ -47,6 +49,8 @@ def glossy_scene():
 BULB = SphereLamp((1.6, 2.4, 1.4), 0.15, (90.0, 60.0, 20.0))
 PANEL = RectangleLamp((-0.4, 1.8, 0.2), (0.0, 0.0, 0.4), (0.4, 0.4, 0.0), (0.0, 30.0, 60.0), two_sided=True)
 
+NAMES = "bulb", "panel"
+
 
 @cache
 def glossy_scene_with_lamps():
@@ -54,8 +58,9 @@ def glossy_scene_with_lamps():
     relighter, _, splats, _ = live_scene()
     _, look, _, gloss, _ = glossy_scene()
     lamps = [BULB, PANEL]
-    mixture = Mixture(True, 0.2, light=LampLight(relighter, look, lamps, 0.05), lamps=lamps, names=["bulb", "panel"])
-    shown = LiveScene(relighter, look, splats, sources=mixture.sources(look), gloss=gloss)
+    asked = [AskedLamp(lamp, Brightness(1.0, "picture"), name=name) for lamp, name in zip(lamps, NAMES, strict=True)]
+    mix = LightMix(LightingOptions(tolerance=0.05, captured=0.2), asked, CapturedLight(), relighter, look)
+    shown = LiveScene(relighter, look, splats, sources=sources_of(mix), gloss=gloss)
     lights = [(Environment.load(name), 0.7) for name in LIGHTS]
     live = live_of(shown, lights, SETTINGS)
     return live._replace(lights=[each._replace(captured=0.2, unit=0.7) for each in live.lights]), lamps

@@ -81,7 +81,7 @@ def test_a_closed_room_stays_as_captured_and_says_so(opening):
     relighter = Relighter(scene)
     with pytest.warns(DataWarning, match=r"closed room, where \d.*`albedo` captured"):
         look = appearance_of("estimated", None, relighter)
-    assert look.kept and look.capture["left_as_captured"] and not look.capture["separable"]
+    assert look.as_captured and look.capture["left_as_captured"] and not look.capture["separable"]
     dark = np.zeros_like(look.captured)
     np.testing.assert_allclose(look.received(dark, 0.5) * 0.5, look.irradiance)
     results = Results(WrittenScene(relighter, look, (splats, [])), ["splat"])
@@ -103,8 +103,8 @@ def test_the_sky_in_its_windows_is_new():
 
 def test_a_room_is_lit_where_that_is_asked_for():
     relighter = Relighter(box(window))
-    assert not appearance_of("captured", None, relighter).kept
-    assert not appearance_of("white", None, relighter).kept
+    assert not appearance_of("captured", None, relighter).as_captured
+    assert not appearance_of("white", None, relighter).as_captured
 
 
 def test_a_job_reports_it():

@@ -10,7 +10,7 @@ from place_splats import room as room_of_splats
 from relight import LightingOptions, RelightRequest
 from relight.engine.appearance import Appearance, appearance_of
 from relight.engine.lamp_scale import lamp_scale
-from relight.engine.mixing import CapturedPart, mixed
+from relight.engine.light_mix import light_beside
 from relight.engine.placed import LampLight
 from relight.engine.relighter import Relighter, Shading
 from relight.jobs.job import Job
@@ -93,10 +93,10 @@ def test_captured_light_that_stays_is_the_same_to_the_bit():
     captured, albedo = rng.random((2, 50, 3)).astype(np.float32)
     look = look_of(captured, captured / np.maximum(albedo, 0.02), albedo)
     nothing = Shading(np.zeros_like(captured), 0, [], None)
-    same = mixed(look, nothing, 1.0, CapturedPart(captured, 1.0), None, 1.0)
+    same = light_beside(look, captured, 1.0, None, 1.0).shading(look, nothing)
     np.testing.assert_array_equal(same.radiance, captured)
     np.testing.assert_array_equal(same.received, look.irradiance)
-    half = mixed(look, nothing, 1.0, CapturedPart(captured, 0.5), None, 2.0)
+    half = light_beside(look, captured, 0.5, None, 2.0).shading(look, nothing)
     np.testing.assert_allclose(half.radiance, captured / 4.0, rtol=1e-6)
     np.testing.assert_allclose(half.received, look.irradiance / 4.0, rtol=1e-6)
 
@@ -107,7 +107,7 @@ def test_the_parts_of_a_mixture_add_up():
     albedo = np.full_like(captured, 0.5)
     look = look_of(captured, captured / albedo, albedo)
     environment = Shading(radiance, 2, [0.1], None)
-    found = mixed(look, environment, 0.25, CapturedPart(captured, 0.1), None, 1.0)
+    found = light_beside(look, captured, 0.1, None, 1.0)._replace(env_scale=0.25).shading(look, environment)
     np.testing.assert_allclose(found.radiance, 0.1 * captured + 0.25 * radiance, rtol=1e-5)
     np.testing.assert_allclose(found.received, found.radiance / albedo, rtol=1e-5)
     assert found.bounces == [0.1] and found.sun_count == 2
@@ -121,7 +121,7 @@ def test_a_lamp_alone_keeps_the_captured_light_and_its_exposure():
     job = job_of(hollow_ball(), placed=[SphereLamp((0, 0, 0), 0.1, (1, 1, 1))])
     shaded = next(job.shaded())
     assert isinstance(shaded.light, CapturedLight) and shaded.exposure == 1.0 and job.plan is None
-    placed = job.beside.lamp_light.placed
+    placed = job.mix.lamp_light.placed
     np.testing.assert_allclose(shaded.shading.radiance, job.appearance.captured + placed.radiance, rtol=1e-5)
 
 
@@ -160,7 +160,7 @@ def test_splats_keep_every_bit_where_the_captured_light_stays():
     relighter = Relighter(scene)
     look = appearance_of("captured", None, relighter)
     nothing = Shading(np.zeros_like(look.captured), 0, [], None)
-    same = mixed(look, nothing, 1.0, CapturedPart(look.captured, 1.0), None, 1.0)
+    same = light_beside(look, look.captured, 1.0, None, 1.0).shading(look, nothing)
     relit = Binding(splats, scene, ()).relit(look.irradiance, same.received, 1.0)
     np.testing.assert_array_equal(relit.sh, splats.sh)
 

@@ -8,6 +8,7 @@ from relight.engine.appearance import Appearance
 from relight.engine.relighter import Shaded, Shading
 from relight.gloss import SceneGloss
 from relight.gloss.reflections import TEXTURE
+from relight.gloss.scene_gloss import NewLight
 from relight.light.environment import Environment
 from relight.options import LightingOptions
 from relight.splats import Binding
@@ -57,7 +58,7 @@ class Table:
         if not moved:
             return found
         shading = Shading((self.albedo * after).astype(np.float32), 0, [], SETTINGS)
-        return self.gloss.relit(found, self.look, Shaded(self.lights[number], shading, 1.0), after)
+        return self.gloss.relit(self.look, found, NewLight.of(Shaded(self.lights[number], shading, 1.0), after))
 
     def psnr(self, splats):
         """Against the splats that were trained at sunset, dB."""
@@ -123,7 +124,7 @@ def test_under_the_captured_light_no_bit_changes(table):
     nothing = Shading(table.look.captured, 0, [], SETTINGS)
     own = Shaded(table.lights[0], nothing, 1.0, environment=0.0, captured=1.0)
     found = table.binding.relit(table.look.irradiance, table.look.irradiance)
-    kept = table.gloss.relit(found, table.look, own, table.look.irradiance)
+    kept = table.gloss.relit(table.look, found, NewLight.of(own, table.look.irradiance))
     np.testing.assert_array_equal(kept.sh, table.splats.sh)
 
 

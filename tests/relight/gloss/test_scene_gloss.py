@@ -7,6 +7,7 @@ from relight.engine.appearance import Appearance
 from relight.engine.relighter import Shaded, Shading
 from relight.gloss import SceneGloss
 from relight.gloss.ggx import fresnel_rise, zonal_factors
+from relight.gloss.scene_gloss import NewLight
 from relight.gloss.views import GLANCE, VIEWS, outer_looks
 from relight.light.environment import Environment
 from relight.options import LightingOptions
@@ -117,7 +118,8 @@ class Ball:
         if gloss is None:
             return found
         radiance = (self.albedo * after).astype(np.float32)
-        return gloss.relit(found, self.look, Shaded(light, Shading(radiance, 0, [], SETTINGS), 1.0), after)
+        shaded = Shaded(light, Shading(radiance, 0, [], SETTINGS), 1.0)
+        return gloss.relit(self.look, found, NewLight.of(shaded, after))
 
 
 def pictures(splats):
@@ -179,7 +181,7 @@ def test_under_the_light_of_the_capture_no_bit_changes(glazed):
     nothing = Shading(np.zeros_like(glazed.look.captured), 0, [], SETTINGS)
     found = glazed.binding.relit(glazed.look.irradiance, glazed.look.irradiance)
     own = Shaded(OLD, nothing._replace(radiance=glazed.look.captured), 1.0, environment=0.0, captured=1.0)
-    kept = gloss.relit(found, glazed.look, own, glazed.look.irradiance)
+    kept = gloss.relit(glazed.look, found, NewLight.of(own, glazed.look.irradiance))
     np.testing.assert_array_equal(kept.sh, glazed.splats.sh)
 
 

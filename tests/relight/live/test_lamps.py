@@ -19,7 +19,7 @@ from relight.jobs.writer import Writer
 from relight.lamps.files import read_lamps
 from relight.lamps.shapes import SphereLamp, SpotLamp
 from relight.light.captured import CapturedLight
-from relight.live.terms import Source, as_white, term_of
+from relight.live.terms import Source, as_white, sources_of, term_of
 from relight.request import RelightRequest
 from relight.splats import Binding
 from relight.splats.light_ratio import CURVE_POWER
@@ -314,10 +314,10 @@ def test_engines_get_the_lamps_in_the_frame_of_the_scene_and_as_bright_as_they_a
 def test_of_many_lamps_the_last_share_a_term(scene):
     lamps = [replace(BULB, position=in_splat((0.02 * number, 0.5, 1.2))) for number in range(40)]
     job = job_of(scene, *lamps)
-    sources = job.beside.live().sources(job.appearance)
+    sources = sources_of(job.mix)
     assert [each.name for each in sources[1:]] == [*(f"Lamp {n + 1}" for n in range(31)), "9 more lamps"]
     together = sum(source.color * source.received for source in sources[1:])
-    everything = job.beside.lamp_light.placed.received
+    everything = job.mix.lamp_light.placed.received
     assert np.sqrt(np.mean((together - everything) ** 2)) < 0.02 * np.sqrt(np.mean(everything**2))
 
 

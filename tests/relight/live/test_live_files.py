@@ -36,7 +36,7 @@ def test_one_command_writes_the_bundle_and_the_page(folder, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--format", "glb", "--lights", "noon"], "--lights noon: only the formats live and web hold several lights"),
+        (["--format", "glb", "--lights", "noon"], "--lights: it belongs to the format live or web; give that too"),
         (["--format", "web", "--lights", "nowhere.exr"], "nowhere.exr does not exist"),
     ],
 )

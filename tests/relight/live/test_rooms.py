@@ -7,6 +7,7 @@ import pytest
 from lit_rooms import room
 
 from relight import Environment, LightingOptions, Relighter
+from relight.engine.appearance import Place
 from relight.engine.relit_room import RelitRoom
 from relight.jobs.job import Job
 from relight.live.harmonics import about_y
@@ -26,7 +27,7 @@ def appearance():
         RelightRequest(room()[0], "overcast", LightingOptions(tolerance=0.05), albedo="estimated", caching="none")
     )
     with pytest.warns(DataWarning, match="closed room"):
-        return job.appearance._replace(kept=False)
+        return job.appearance._replace(place=Place.ROOM)
 
 
 @cache

@@ -88,7 +88,7 @@ def test_damaged_splats_are_left_out():
 
 def test_it_counts_in_places_that_know_where_they_were_captured_from():
     splats, far, _, numbers, mesh = roofed(TURNS[0])
-    look = SimpleNamespace(room=None, kept=False)
+    look = SimpleNamespace(room=None, as_captured=False)
     for place, expected in ((True, True), (False, False)):
         scene = SimpleNamespace(background_splats=far, scene_from_splat=np.eye(4), vertices=mesh, is_place=place)
         scene.capture = {"eyes": EYES.tolist()}

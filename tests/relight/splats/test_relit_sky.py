@@ -139,6 +139,6 @@ def test_pale_facades_with_dark_windows_are_no_sky():
 def test_windows_of_rooms_and_what_stays_as_captured_show_all_of_it():
     splats, far, sky = open_air()
     scene = SimpleNamespace(background_splats=far, scene_from_splat=np.eye(4), vertices=np.eye(3), is_place=False)
-    for look in (SimpleNamespace(room=object(), kept=False), SimpleNamespace(room=None, kept=True)):
+    for look in (SimpleNamespace(room=object(), as_captured=False), SimpleNamespace(room=None, as_captured=True)):
         np.testing.assert_array_equal(shown_as_sky(splats, scene, look), far)
-    assert len(shown_as_sky(splats, scene, SimpleNamespace(room=None, kept=False))) <= len(sky)
+    assert len(shown_as_sky(splats, scene, SimpleNamespace(room=None, as_captured=False))) <= len(sky)

@@ -7,10 +7,11 @@ import pytest
 from cities import relit_city
 
 from relight import Environment, LightingOptions, Relighter
+from relight.engine.appearance import Appearance
 from relight.engine.placed import LampLight
 from relight.lamps.shapes import MeshLamp, SphereLamp, SpotLamp, TubeLamp
 from relight.tiles.local import tile_mesh
-from relight.tiles.mixture import CityMixture, look_of
+from relight.tiles.mixture import CityMixture
 from relight.tiles.shared import Shared, city_of
 from splat2mesh.base.errors import InputError
 from splat2mesh.scene.scene import Scene
@@ -59,7 +60,7 @@ def test_a_lamp_at_a_border_lights_all_tiles_as_the_whole_city(city):
     relighter = Relighter(scene, LightingOptions(**OPTIONS))
     sky = relighter.shade(Environment.load("noon"))
     captured = scene.colors_linear
-    direct = LampLight(relighter, look_of(None, captured, captured), [lamp], 0.03, 0.0).placed.direct
+    direct = LampLight(relighter, Appearance(None, captured, captured), [lamp], 0.03, 0.0).placed.direct
     expected = 0.5 * sky + direct / shared.mixture.level
     found = radiance(city, "relit/lamp")
     assert np.linalg.norm(direct) / shared.mixture.level > 0.3 * np.linalg.norm(sky)  # or nothing is tested
@@ -110,7 +111,7 @@ def test_the_light_of_the_capture_stays_to_the_bit_and_lamps_come_beside_it(city
     beside = LightingOptions(**OPTIONS, placed=(in_splat(lamp, scene),), captured=0.5)
     relit_city(city, "captured", beside, formats=("npy",), albedo="white", folder="relit/beside")
     relighter = Relighter(scene, plain)
-    direct = LampLight(relighter, look_of(None, captured, captured), [lamp], 0.03, 0.0).placed.direct
+    direct = LampLight(relighter, Appearance(None, captured, captured), [lamp], 0.03, 0.0).placed.direct
     expected = 0.5 * captured + direct  # in units of the picture
     assert np.linalg.norm(direct) > 0.1 * np.linalg.norm(captured)  # or nothing is tested
     assert np.linalg.norm(radiance(city, "relit/beside") - expected) < 0.03 * np.linalg.norm(expected)

@@ -9,12 +9,12 @@ from inline_worker import InlineWorker
 from lamp_sessions import open_session, relit, warm
 from viewer_scenes import ball_on_plate
 
+from relight.engine.light_mix import LightBeside
 from relight.lamps.asked import AskedLamp, Brightness, LampScale
 from relight.lamps.shapes import SphereLamp
 from relight.viewer.lamp_bench import DARK, MOST_ALONE, MOST_FINISHED, SPARE, LampBench
 from relight.viewer.lamp_board import LampBoard
 from relight.viewer.lamp_source import LampSource
-from relight.viewer.mixture import SessionMixture
 from relight.viewer.request import SessionRequest
 from relight.viewer.session import Session
 from splat2mesh.base.errors import InputError
@@ -176,7 +176,7 @@ class Counted:
 
         def mixture(factor, placed):
             radiance = nothing + np.float32(factor) + (0.0 if placed is None else placed.radiance)
-            return SessionMixture(radiance, radiance, 1.0, 1.0, 1.0, False)
+            return LightBeside(radiance, radiance, 1.0, 1.0, 1.0, False)
 
         def light_of(lamps, factor):
             return Tracer(self, [np.array(each.shape.intensity) * each.brightness.value * each.color for each in lamps])
@@ -213,10 +213,10 @@ class Tracer:
         return found
 
     def without_bounces(self, direct):
-        return SessionMixture(direct, direct, 1.0, 1.0, 1.0, False)
+        return LightBeside(direct, direct, 1.0, 1.0, 1.0, False)
 
     def with_bounces(self, direct):
-        return SessionMixture(2.0 * direct, 2.0 * direct, 1.0, 1.0, 1.0, False)
+        return LightBeside(2.0 * direct, 2.0 * direct, 1.0, 1.0, 1.0, False)
 
 
 def point(x=0.0, light=(1.0, 1.0, 1.0), value=1.0):

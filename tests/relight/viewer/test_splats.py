@@ -10,9 +10,10 @@ pytest.importorskip("pyvista")
 
 from viewer_scenes import SIZE, ball_on_plate, bare, session_of
 
+from relight.engine.light_mix import LightBeside
 from relight.splats import Binding
+from relight.splats.sky import FarSplats
 from relight.viewer.controls import CONTROLS
-from relight.viewer.mixture import SessionMixture
 from relight.viewer.splat_painter import SplatPainter, coarser
 from relight.viewer.splats import WAITING, SplatLook, SplatSource
 from relight.viewer.window import Window
@@ -101,7 +102,7 @@ def test_gloss_mirrors_the_environment_the_captured_light_and_lamps(scene, sourc
         return relit
 
     count = len(scene.vertices)
-    mixture = SessionMixture(*(np.full((count, 3), each, np.float32) for each in (0.2, 0.4)), 0.5, 2.0, 1.0, False, 0.3)
+    mixture = LightBeside(*(np.full((count, 3), each, np.float32) for each in (0.2, 0.4)), 0.5, 2.0, 1.0, False, 0.3)
     shines = source._replace(looks={"captured": source.looks["captured"]._replace(gloss=gloss)})
     for light in (None, mixture):
         window = window_of(scene, shines, mixture=light)
@@ -109,7 +110,7 @@ def test_gloss_mirrors_the_environment_the_captured_light_and_lamps(scene, sourc
         bare(window)
         window.close()
     alone, mixed = found
-    assert (alone.unit, alone.captured, len(alone.lamps)) == (1.0, 0.0, 0)
+    assert (alone.unit, alone.captured, alone.lamps) == (1.0, 0.0, None)
     assert mixed.captured == 0.3 and mixed.unit == mixed.exposure / 2.0
     scale = mixed.exposure / alone.exposure
     np.testing.assert_allclose(mixed.light, 0.5 * scale * alone.light, rtol=1e-6)
@@ -204,7 +205,11 @@ def test_light_that_splats_cannot_take_leaves_them_as_captured(scene, source):
 
 def test_splats_of_the_sky_show_the_new_one_or_go(scene, source):
     rows = np.arange(50)
-    window = window_of(scene, source._replace(sky=lambda: rows))
+
+    def far(splats):
+        return FarSplats(splats, rows, rows, scene.scene_from_splat)
+
+    window = window_of(scene, source._replace(far=far))
     window.session.change(sky=False)
     window.finish()
     shown = window.session.splats.shown(window.session, True)
@@ -213,7 +218,7 @@ def test_splats_of_the_sky_show_the_new_one_or_go(scene, source):
     window.finish()
     shown = window.session.splats.shown(window.session, True)
     bright = shown.sh[rows, 0]
-    dim = window_of(scene, source._replace(sky=lambda: rows, sky_level=1e-3))
+    dim = window_of(scene, source._replace(far=far, sky_level=1e-3))
     dim.finish()
     assert (dim.session.splats.shown(dim.session, True).sh[rows, 0] < bright).all()
     dim.close()
