@@ -36,7 +36,7 @@ HEIGHT, WIDTH = 128, 256
 SUN_WIDTH_DEG = 1.5
 """Spread of a sun set by hand: about a texel, so that its energy does not depend on where it stands between texels."""
 
-AROUND_DEG = 16.0, 22.0
+AROUND_DEG = 20.0, 26.0
 """Of an offered sun: what lies nearer is its light over that of the ring, and becomes sky like the ring."""
 
 RANGES = {

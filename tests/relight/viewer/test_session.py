@@ -381,6 +381,8 @@ def test_every_control_is_distinct_and_explained():
     assert {control.chip(None) if control.row == "" else control.row for control in CONTROLS if control.chip} <= {
         "modes",
         "choices",
+        "hand",
+        "both",
     }
     assert [control.key for control in CONTROLS if control.text.startswith(MODES["error"].title)] == ["5"]
     assert SAMPLE == 256  # the panel says so
