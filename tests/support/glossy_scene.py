@@ -9,6 +9,7 @@ from relight import Environment, LightingOptions
 from relight.engine.light_mix import LightMix
 from relight.gloss import Gloss
 from relight.lamps.asked import AskedLamp, Brightness
+from relight.lamps.moving import moved
 from relight.lamps.shapes import RectangleLamp, SphereLamp
 from relight.light.captured import CapturedLight
 from relight.live.live import LiveScene, live_of
@@ -57,8 +58,11 @@ def glossy_scene_with_lamps():
     """(Live, lamps in the frame of the scene): it beside a bulb and a panel, with a fifth of the captured light."""
     relighter, _, splats, _ = live_scene()
     _, look, _, gloss, _ = glossy_scene()
-    lamps = [BULB, PANEL]
-    asked = [AskedLamp(lamp, Brightness(1.0, "picture"), name=name) for lamp, name in zip(lamps, NAMES, strict=True)]
+    lamps, back = [BULB, PANEL], np.linalg.inv(relighter.scene.scene_from_splat)
+    asked = [
+        AskedLamp(moved(lamp, back), Brightness(1.0, "picture"), name=name)
+        for lamp, name in zip(lamps, NAMES, strict=True)
+    ]
     mix = LightMix(LightingOptions(tolerance=0.05, captured=0.2), asked, CapturedLight(), relighter, look)
     shown = LiveScene(relighter, look, splats, sources=sources_of(mix), gloss=gloss)
     lights = [(Environment.load(name), 0.7) for name in LIGHTS]
