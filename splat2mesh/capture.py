@@ -59,7 +59,7 @@ class Capture:
 def capture_of(path: str | os.PathLike[str], asked: ConvertOptions, stages: Stages) -> Capture:
     """Read a splat and find out how it was captured.
 
-    path : splat file, folder of tiles, or streamed SOG. Raises InputError for input that cannot be used.
+    path: splat file, folder of tiles, or streamed SOG. Raises InputError for input that cannot be used.
     """
     with stages.stage("read"):
         loaded = read_splats(path, asked.lod)

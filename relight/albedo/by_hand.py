@@ -27,11 +27,8 @@ from ..light.captured_light import CapturedLights, LikelyLight, LikelySun, choos
 from ..light.environment import Environment
 from ..light.sun_position import toward
 from ..light.suns import Suns
-from .captured import CapturedScene
+from .captured import HEIGHT, WIDTH, CapturedScene
 from .division import albedo_of, prior_of
-
-HEIGHT, WIDTH = 128, 256
-"""Of the image of a light set by hand: texels of 1.4 degrees."""
 
 SUN_WIDTH_DEG = 1.5
 """Spread of a sun set by hand: about a texel, so that its energy does not depend on where it stands between texels."""

@@ -96,7 +96,10 @@ class Evidence:
         self.log_captured = np.log(places.captured)
         self.log_luminance = np.log(luminance(places.captured))
         self.usual_albedo = fitted.albedo if sky is None else fitted.albedo_outdoors
-        self.usual_hue = np.array([fitted.warmth if sky is None else fitted.warmth_outdoors, fitted.green])
+        warmth = fitted.warmth, fitted.warmth_spread
+        if sky is not None:
+            warmth = fitted.warmth_outdoors, fitted.warmth_outdoors_spread
+        self._usual_hue, self._hue_spread = np.array([warmth, (fitted.green, fitted.green_spread)]).T
         self.paints = paints_of(self.log_captured, places.normals)
         first, second = places.pairs.T
         cosine = np.einsum("ij,ij->i", places.normals[first], places.normals[second])
@@ -183,8 +186,8 @@ class Evidence:
         """How usual the albedo is: its median luminance, and its mean hue."""
         fitted, logs = self.fitted, np.log(received.total)
         level = float(np.median(self.log_luminance - np.log(luminance(received.total))) - np.log(self.usual_albedo))
-        hue = AXES[1:] @ (self.log_captured - logs).mean(axis=0) - self.usual_hue
-        off = {"albedo": ([level], [fitted.albedo_spread]), "hue": (hue, [fitted.warmth_spread, fitted.green_spread])}
+        hue = AXES[1:] @ (self.log_captured - logs).mean(axis=0) - self._usual_hue
+        off = {"albedo": ([level], [fitted.albedo_spread]), "hue": (hue, self._hue_spread)}
         if received.slopes is None:
             return {name: Cue(0.5 * float(np.sum(np.divide(*each) ** 2))) for name, each in off.items()}
         means = [slope.mean(axis=0) for slope in received.slopes]

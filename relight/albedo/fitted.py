@@ -16,9 +16,10 @@ class Fitted(NamedTuple):
     contrast: independent patches of the contrast within materials.
     sky, sky_noise: weight of the whole upper sky, and its noise in log radiance: bands, tone curve, tint.
     clipped, clipped_level, clipped_noise: the same weight of a clipped sky, its usual log radiance, and its noise.
-    albedo, warmth, green: usual colour of objects: median luminance, and mean log red over blue, and green over both.
-    albedo_outdoors, warmth_outdoors: of soil and plants, under a captured sky.
-    albedo_spread, warmth_spread, green_spread: of these logarithms.
+    albedo, albedo_outdoors: usual median luminance of the albedo of objects, and of soil and plants under a captured
+    sky. albedo_spread: of its logarithm, while the form of the light is found.
+    warmth, warmth_spread: mean log red over blue of the albedo of anything, and its spread. warmth_outdoors,
+    warmth_outdoors_spread: under a captured sky. green, green_spread: green over both, of anything.
     color_spread: factor on the variance of the colour of natural lights.
     sun: nats against a sun.
     """
@@ -38,8 +39,9 @@ class Fitted(NamedTuple):
     albedo_outdoors: float
     albedo_spread: float
     warmth: float
-    warmth_outdoors: float
     warmth_spread: float
+    warmth_outdoors: float
+    warmth_outdoors_spread: float
     green: float
     green_spread: float
     color_spread: float

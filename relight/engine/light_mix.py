@@ -77,20 +77,10 @@ def light_beside(
 ) -> LightBeside:
     """Return the captured light that stays and the light of lamps, beside an environment of factor 1.
 
-    Parameters
-    ----------
-    look : Appearance
-    colors : (V, 3) float32
-        The captured colours under the captured light, with its lamps as in the options.
-    captured : float
-        Its dimming.
-    placed : Placed, optional
-        What placed lamps do, in units of the picture.
-    level : float
-        Units of the picture per unit of the environment.
+    colors: (V, 3) float32, the captured colours under the captured light, with its lamps as in the options. captured:
+    its dimming. placed: a Placed, what lamps do, in units of the picture, or None. level: units of the picture per unit
+    of the environment.
 
-    Notes
-    -----
     What receives k E of the captured light E and L of lamps sends out c (k E + L) / E = k c + a L: the captured colour
     c keeps its gloss and its detail, and only the new light needs the albedo a.
     """

@@ -107,7 +107,7 @@ class RelitSource:
             factor = look.capture["brightness"] / max(light.mean_luminance, LEAST_LIGHT)
             if shaded.shading.received is None:
                 return far.under(far.source, light, factor)
-            factor = exposure * (factor / exposure * float(luminance(assumed_change(light))))
+            factor *= float(luminance(assumed_change(light)))
         gloss, received = self._gloss, self.received(shaded.shading)
         mirrored = None if gloss is None else NewLight.of(shaded, received, self._lamp_light())
         shining = None if gloss is None else partial(gloss.relit, look)

@@ -24,11 +24,11 @@ STEPS = {
     "sky": 3.0,
     "sky_noise": 1.5,
     "clipped": 3.0,
+    "clipped_level": 1.4,
+    "clipped_noise": 1.5,
     "parallel_slope": 4.0,
     "slanted_slope": 4.0,
     "albedo_spread": 1.5,
-    "warmth_spread": 1.7,
-    "green_spread": 1.7,
     "color_spread": 2.0,
 }
 """First factor on each number that is tried."""
@@ -89,17 +89,24 @@ def score(captures, numbers):
     return np.array(rows)
 
 
-def usual_color(captures):
-    """Means and spreads, (3,) each, of log median albedo, warmth and green of scenes, each under its true lights."""
-    found = defaultdict(list)
+def usual_colors(captures, say=print):
+    """Usual colours of scenes under their true lights, a dict of numbers. An object may be of anything: its hue is
+    as unsure as that of all scenes. Soil and plants are alike."""
+    found = {False: defaultdict(list), True: defaultdict(list)}
     for capture in captures:
         light = harmonics.evaluate(capture["directions"], 8) @ capture["light"]
         received = np.maximum(capture["sky"] @ light.astype(np.float32) + capture["bounced"], DIMMEST)
         level = np.median(np.log(luminance(capture["captured"]) / luminance(received)))
         hue = natural.AXES[1:] @ np.log(capture["captured"] / received).mean(axis=0)
-        found[capture["scene"]].append([level, *hue])
-    means = np.array([np.mean(each, axis=0) for each in found.values()])
-    return means.mean(axis=0), means.std(axis=0)
+        found["sky_seen" in capture][capture["scene"]].append([level, *hue])
+    objects, outdoors = (np.array([np.mean(each, axis=0) for each in found[kind].values()]) for kind in (False, True))
+    every = np.vstack([objects, outdoors])
+    usual = {"albedo": np.exp(objects[:, 0].mean()), "albedo_outdoors": np.exp(outdoors[:, 0].mean())}
+    for name, values in (("warmth", every[:, 1]), ("warmth_outdoors", outdoors[:, 1]), ("green", every[:, 2])):
+        usual |= {name: values.mean(), f"{name}_spread": values.std()}
+    say({name: round(float(value), 3) for name, value in usual.items()})
+    say(f"log albedo varies over scenes by {objects[:, 0].std():.2f}, outdoors by {outdoors[:, 0].std():.2f}")
+    return {name: float(value) for name, value in usual.items()}
 
 
 def search(captures, numbers, rounds, say):
@@ -128,11 +135,7 @@ def fit(folder, rounds=2, say=print):
     parts = {part: load(folder, part) for part in ("fit", "choose", "test")}
     numbers = fitted.FITTED
     if rounds:
-        for kind, outdoors in (("", False), ("_outdoors", True)):
-            usual, spread = usual_color([each for each in parts["fit"] if ("sky_seen" in each) == outdoors])
-            say(f"albedo{kind}, warmth{kind}, green: {usual.round(3)}, over scenes {spread.round(2)}; logarithms")
-            chosen = {f"albedo{kind}": float(np.exp(usual[0])), f"warmth{kind}": float(usual[1])}
-            numbers = numbers._replace(**chosen, green=float(usual[2]))
+        numbers = numbers._replace(**usual_colors(parts["fit"], say))
         numbers = search(parts["fit"], numbers, rounds, say)
     rows = {part: score(captures, numbers) for part, captures in parts.items() if captures}
     held = {}
