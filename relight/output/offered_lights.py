@@ -25,7 +25,10 @@ FRAME = 225, 225, 230
 """sRGB bytes of its rim."""
 
 MIDDLE = 0.5
-"""Display value of the mean luminance of a map's upper half."""
+"""Display value of the median luminance of a map's upper half."""
+
+FINER = 4
+"""Texels across that make up one of a map, so that no sun falls between them."""
 
 Painter = Callable[[NDArray[np.float32], NDArray[np.float32]], NDArray[np.uint8]]
 """(albedo, irradiance of the capture), (V, 3) each -> picture, (H, W, 3) uint8."""
@@ -57,10 +60,12 @@ def label(number: int, offered: SkyAndSun) -> str:
 def light_map(environment: Environment, width: int) -> NDArray[np.uint8]:
     """The lat-long map of a light, (width / 2, width, 3) uint8, exposed for its upper half."""
     height = width // 2
-    image = environment.lookup(texel_directions(height, 2 * height).reshape(-1, 3))
-    upper = np.asarray(luminance(image[: len(image) // 2]), np.float64)
-    exposed = image * np.float32(MIDDLE / max(float(np.median(upper)), 1e-9))
-    return bytes_from_unit(srgb_from_linear(compress_highlights(exposed))).reshape(height, 2 * height, 3)
+    directions = texel_directions(FINER * height, FINER * width).reshape(-1, 3)
+    fine = environment.lookup(directions).astype(np.float64).reshape(height, FINER, width, FINER, 3)
+    image = fine.mean(axis=(1, 3))
+    level = max(float(np.median(luminance(image[: height // 2]))), 1e-9)
+    shown = compress_highlights((image * MIDDLE / level).reshape(-1, 3).astype(np.float32))
+    return bytes_from_unit(srgb_from_linear(shown)).reshape(height, width, 3)
 
 
 def _put_map(picture: NDArray[np.uint8], shown: NDArray[np.uint8]) -> None:

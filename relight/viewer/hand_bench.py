@@ -10,19 +10,14 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Vector
 from splat2mesh.base.errors import InputError
-from splat2mesh.base.sphere import texel_directions
-from splat2mesh.scene.color import bytes_from_unit, luminance, srgb_from_linear
+from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
 
 from ..albedo.by_hand import HandLight, SkyAndSun, sun_through
-from ..light.environment import Environment
-from ..light.tonemap import compress_highlights
+from ..output.offered_lights import light_map
 from .hand_source import HandLights, HandSource
 
-MAP = 16, 32
-"""Rows and columns of the map of a light on the panel."""
-
-MIDDLE = 0.5
-"""Display value of the median of a map's upper half."""
+MAP_WIDTH = 32
+"""Columns of the map of a light on the panel."""
 
 PREPARING = "tracing the captured light"
 
@@ -151,13 +146,13 @@ class HandBench:
         return self._quick[1]
 
     def map_of(self, number: int | None) -> NDArray[np.uint8]:
-        """The map of an offered light, or of the present one for None: (rows, columns, 3) uint8 sRGB of MAP."""
+        """The map of an offered light, or of the present one for None: (MAP_WIDTH / 2, MAP_WIDTH, 3) uint8 sRGB."""
         key = self._now if number is None else number
         if key not in self._maps:
             if len(self._maps) > 2 * len(self.offered) + 8:
                 self._maps.clear()
             offered = self.offered[self.number if number is None else number]
-            self._maps[key] = drawn_map(offered.environment(self.hand) if number is None else offered.whole)
+            self._maps[key] = light_map(offered.environment(self.hand) if number is None else offered.whole, MAP_WIDTH)
         return self._maps[key]
 
     @property
@@ -192,13 +187,3 @@ class HandBench:
     def _bytes(self, setting: Setting, exact: bool) -> NDArray[np.uint8]:
         assert self._lights is not None
         return bytes_from_unit(srgb_from_linear(self._lights.albedo(*setting, exact)))
-
-
-def drawn_map(environment: Environment) -> NDArray[np.uint8]:
-    """The lat-long map of a light, (rows, columns, 3) uint8 sRGB of MAP, exposed for its upper half."""
-    rows, columns = MAP
-    fine = environment.lookup(texel_directions(4 * rows, 4 * columns).reshape(-1, 3)).astype(np.float64)
-    image = fine.reshape(rows, 4, columns, 4, 3).mean(axis=(1, 3))
-    level = max(float(np.median(luminance(image[: rows // 2]))), 1e-9)
-    shown = compress_highlights((image * MIDDLE / level).reshape(-1, 3).astype(np.float32))
-    return bytes_from_unit(srgb_from_linear(shown)).reshape(rows, columns, 3)
