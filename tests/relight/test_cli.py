@@ -13,6 +13,7 @@ from viewer_scenes import ball_on_plate
 
 from relight import LightingOptions, cli
 from relight.cli import main
+from relight.engine.light_mix import LightKind
 
 
 @pytest.fixture(scope="module")
@@ -110,7 +111,7 @@ def test_every_option_of_the_light_reaches_the_job_unchanged(folder, monkeypatch
     seen = []
 
     class Job:
-        asked_lamps, from_inside, keeps_captured = (), False, False
+        asked_lamps, from_inside, light_kind = (), False, LightKind.ALONE
         gloss = insert_plan = mirrored_floor = None
 
         def __init__(self, request, stages):

@@ -186,7 +186,7 @@ def test_far_background_below_the_floor_is_no_sky(mirrored):
     scene, splats, found = mirrored
     rows = np.array([0, len(splats) - 1])
     place = Scene(scene.chunks, capture=scene.capture, background_splats=rows)
-    look = type("Look", (), {"room": None, "kept": True})
+    look = type("Look", (), {"room": None, "as_captured": True})
     np.testing.assert_array_equal(shown_as_sky(splats, place, look), rows)
     np.testing.assert_array_equal(shown_as_sky(splats, place, look, found._replace(rows=rows[1:])), rows[:1])
 
