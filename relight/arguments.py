@@ -241,6 +241,8 @@ def parser() -> argparse.ArgumentParser:
     add("--sky", metavar="WHICH", help=sky)
     lights = "more lights for --format live and web, beside that of --env and the built-in ones"
     add("--lights", nargs="+", metavar="FILE|NAME", help=lights)
+    quick = "stop at the first look at a splat: preview.png and relit_splat.ply in seconds, without a mesh"
+    add("--quick", action="store_true", help=quick)
     add("--overwrite", action="store_true", help="replace results of other settings")
     add_display(add)
     add("--version", action="version", version=f"%(prog)s {VERSION}")

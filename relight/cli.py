@@ -168,7 +168,7 @@ def _done(
     elif port is not None and _is_page(Path(words.scene)):
         return _page_served(Path(words.scene), port, display)
     compile_without_collector()
-    stages = Stages(show=display.progress)
+    stages = Stages(display.progress, None if display.quiet else notify)
     try:
         if hasattr(words, "plan"):
             return _planned(request, stages)
@@ -184,6 +184,7 @@ def _done(
     lines = [
         *done.notes,
         *map(str, done.files),
+        *_doubt(done.reports[0]),
         *_cleaned(done.reports[0]),
         *_assumed(done.job),
         *_lamps(done.job),
@@ -265,6 +266,12 @@ def _page_served(folder: Path, port: int, display: Display) -> tuple[list[str], 
         with contextlib.suppress(KeyboardInterrupt):
             server.serve_forever()
         return [], {"served": server.url}
+
+
+def _doubt(report: dict[str, Any]) -> list[str]:
+    """The line of the summary on how far the estimate of the captured light can be trusted."""
+    doubt = (report.get("capture") or {}).get("light_doubt_db")
+    return [f"  captured light estimated: results ± {doubt:.1f} dB (--captured-light, --sheet)"] if doubt else []
 
 
 def _cleaned(report: dict[str, Any]) -> list[str]:

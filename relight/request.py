@@ -133,6 +133,8 @@ class RelightRequest:
         Folder to write; with several lights, the parent of their folders.
     overwrite : bool
         Replace results of other settings.
+    quick : bool
+        Stop at the first look at a splat file: a picture and a relit splat within seconds, without a mesh.
 
     Raises
     ------
@@ -175,6 +177,7 @@ class RelightRequest:
     tiling: TilingOptions | None = None
     output: str | os.PathLike[str] | None = None
     overwrite: bool = False
+    quick: bool = False
 
     def __post_init__(self) -> None:
         self._bring_into_form()

@@ -32,7 +32,7 @@ from .surface.place import parted, place_look, reconstruct_place
 from .surface.solid import reconstruct_object
 from .views.cameras import spread_out
 from .views.eyes import around
-from .views.picture import place_view
+from .views.picture import mesh_depth, place_view
 from .views.standpoints import ROOM_SHARE, Standpoints
 from .views.viewpoints import bounds_of, near_plane, picture_view, virtual_views
 
@@ -87,10 +87,14 @@ def convert(
     InputError
         For input that cannot be used.
     """
-    asked = ConvertOptions.of(options, **changes)
+    asked, stages = ConvertOptions.of(options, **changes), stages or Stages()
     check_proxy(asked.proxy)
-    stages = stages or Stages()
-    capture = capture_of(path, asked, stages)
+    return meshed(path, capture_of(path, asked, stages), asked, stages)
+
+
+def meshed(path: str | os.PathLike[str], capture: Capture, asked: ConvertOptions, stages: Stages) -> Scene:
+    """The scene of a Capture, read from a path by the same options. Errors as of `convert`."""
+    check_proxy(asked.proxy)
     ahead.expect(ahead.PLACE if capture.standing.eyes else ahead.OBJECT)
     looks = _looks_of(capture, asked, stages)
     surface = _surface_of(capture, asked, looks, stages)
@@ -165,7 +169,8 @@ def _picture_view(capture: Capture, asked: ConvertOptions, mesh: Mesh, shown: Sp
     up, standing = capture.rotation[1, :3], capture.standing
     if standing.kind == "outside":
         return picture_view(shown, up, within=asked.surface != "field")
-    return place_view(mesh.vertices, mesh.faces, standing.eyes, spread_out(capture.trained, PICTURED), up)
+    depth_in = mesh_depth(mesh.vertices, mesh.faces)
+    return place_view(mesh.vertices, depth_in, standing.eyes, spread_out(capture.trained, PICTURED), up)
 
 
 def _scene_of(

@@ -32,6 +32,9 @@ LEAST = 1e-9
 BRIGHTEST = 10.0
 """Log factor between lights that are told apart."""
 
+FREEDOM = 2.0
+"""Of Student's t, the distribution of the hue of lights: most are white, a few are lamps and evenings of any colour."""
+
 LUMA = luminance(np.eye(3))
 
 
@@ -94,12 +97,17 @@ class Evidence:
     def __init__(self, places: LitPlaces, sky: SeenSky | None, fitted: Fitted) -> None:
         self.places, self.sky, self.fitted = places, sky, fitted
         self.log_captured = np.log(places.captured)
+        self._mean_captured = np.log(places.captured.mean(axis=0))
         self.log_luminance = np.log(luminance(places.captured))
         self.usual_albedo = fitted.albedo if sky is None else fitted.albedo_outdoors
-        warmth = fitted.warmth, fitted.warmth_spread
+        warmth, green = (fitted.warmth, fitted.warmth_spread), (fitted.green, fitted.green_spread)
         if sky is not None:
             warmth = fitted.warmth_outdoors, fitted.warmth_outdoors_spread
-        self._usual_hue, self._hue_spread = np.array([warmth, (fitted.green, fitted.green_spread)]).T
+            green = fitted.green_outdoors, fitted.green_outdoors_spread
+        self._usual_hue, self._hue_spread = np.array([warmth, green]).T
+        light = (fitted.light_warmth, fitted.light_warmth_spread), (fitted.light_green, fitted.light_green_spread)
+        self._light_hue, self._light_spread = np.array(light).T
+        self._mean_sky = places.sky.mean(axis=0).astype(np.float64)
         self.paints = paints_of(self.log_captured, places.normals)
         first, second = places.pairs.T
         cosine = np.einsum("ij,ij->i", places.normals[first], places.normals[second])
@@ -132,6 +140,7 @@ class Evidence:
         found = {name: pairs.cue(self.log_captured, received, self.fitted) for name, pairs in self._pairs.items()}
         found["contrast"] = self._contrast(received)
         found |= self._albedo(received)
+        found["light"] = self._illuminant(log_light, basis)
         if self.sky is not None:
             found |= self._sky(self.sky, log_light, basis)
         return found
@@ -183,14 +192,14 @@ class Evidence:
         return Cue(nats, weight * slope / rest * (pull @ change), weight * slope**2 / rest * curve)
 
     def _albedo(self, received: ReceivedLight) -> dict[str, Cue]:
-        """How usual the albedo is: its median luminance, and its mean hue."""
-        fitted, logs = self.fitted, np.log(received.total)
+        """How usual the albedo is: its median luminance, and the hue of its mean, weighted by the light."""
+        fitted, mean = self.fitted, received.total.mean(axis=0)
         level = float(np.median(self.log_luminance - np.log(luminance(received.total))) - np.log(self.usual_albedo))
-        hue = AXES[1:] @ (self.log_captured - logs).mean(axis=0) - self._usual_hue
+        hue = AXES[1:] @ (self._mean_captured - np.log(mean)) - self._usual_hue
         off = {"albedo": ([level], [fitted.albedo_spread]), "hue": (hue, self._hue_spread)}
         if received.slopes is None:
             return {name: Cue(0.5 * float(np.sum(np.divide(*each) ** 2))) for name, each in off.items()}
-        means = [slope.mean(axis=0) for slope in received.slopes]
+        means = [light @ slope / light.sum() for light, slope in zip(received.total.T, received.slopes, strict=True)]
         rows = {
             "albedo": [-received.of_luminance().mean(axis=0)],
             "hue": [
@@ -198,6 +207,19 @@ class Evidence:
             ],
         }
         return {name: _quadratic(np.array(off[name][0]), np.array(off[name][1]), np.array(rows[name])) for name in off}
+
+    def _illuminant(self, log_light: NDArray[np.float64], basis: Floats | None) -> Cue:
+        """How usual the hue of the direct light is: what shines is the sun, a sky or a lamp, and nearly never green."""
+        parts = self._mean_sky[:, None] * _radiance(log_light)
+        total = np.maximum(parts.sum(axis=0), LEAST)
+        off = (AXES[1:] @ np.log(total) - self._light_hue) / self._light_spread
+        nats = 0.5 * (FREEDOM + 1.0) * float(np.log1p(off**2 / FREEDOM).sum())
+        if basis is None:
+            return Cue(nats)
+        slopes = (parts / total).T @ basis  # (3, M)
+        rows = np.array([(axis[:, None] * slopes).ravel() for axis in AXES[1:]]) / self._light_spread[:, None]
+        weight = (FREEDOM + 1.0) / (FREEDOM + off**2)
+        return Cue(nats, (weight * off) @ rows, (rows.T * weight) @ rows)
 
     def _sky(self, sky: SeenSky, log_light: NDArray[np.float64], basis: Floats | None) -> dict[str, Cue]:
         """The sky that was seen: as bright as it looked, and where it was clipped as bright as clipped skies are."""

@@ -4,6 +4,7 @@ The log radiance of the light is a sum of harmonics; a sun is one more function,
 Levenberg and Marquardt's damping finds the most probable light of each kind; Laplace's approximation weighs them.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +16,7 @@ from splat2mesh.scene.color import luminance
 
 from ..sh import harmonics
 from .evidence import LUMA, Cue, Evidence, upper_sky
+from .fitted import FITTED
 from .natural import AXES, NaturalLight, log_radiance
 
 STEPS, LEAST_GAIN = 14, 0.1
@@ -40,6 +42,9 @@ HEIGHT, HEIGHT_COLOR = 3.0, 0.5
 
 MOSTLY = 0.6
 """Part of a direction that was seen without a sun, where none stands."""
+
+CEILING_DB = 28.0
+"""PSNR of a relit splat whose light is known, to whose error that of the light adds."""
 
 AROUND_DEG = 35.0
 """Suns are sought so near to the brightest direction of the light without one."""
@@ -151,6 +156,11 @@ def spread(evidence: Evidence, lights: list[PosteriorLight]) -> float:
     about = np.array([each - each.mean() for each in logs])
     across = shares @ (about - shares @ about) ** 2
     return float(np.sqrt(np.mean(across + shares @ np.array([light.variances for light in lights]))))
+
+
+def doubt_db(spread: float) -> float:
+    """What a wrong light costs a result of CEILING_DB at most in four of five captures of this spread, in dB."""
+    return 10.0 * math.log10(1.0 + (FITTED.doubt * spread) ** 2 / 10.0 ** (-CEILING_DB / 10.0))
 
 
 def _regions(evidence: Evidence) -> NDArray[np.float64]:

@@ -31,7 +31,7 @@ CHOICES = ("estimated", "captured", "white")
 
 LEAST_ALBEDO = 0.02  # to divide by
 
-WAY = 22
+WAY = 23
 """Version of the estimate of light and albedo. It increases when the numbers change, and invalidates cached
 estimates."""
 
@@ -275,6 +275,7 @@ def _estimated(
     from ..albedo import CaptureEvidence, estimate, with_known_light
     from ..albedo.check import self_relight
     from ..albedo.offered import offer_lights
+    from ..albedo.posterior import doubt_db
     from ..transfer.bounces import visible_fraction
 
     known = relighter.transport(CAPTURE_OF_PLACE if relighter.scene.is_place else CAPTURE, alone=True)
@@ -304,7 +305,7 @@ def _estimated(
     return {
         **check,
         "under_sky": np.array(found.under_sky),
-        "light_spread": np.array(found.spread),
+        "light_doubt_db": np.array(doubt_db(found.spread)),
         "closed": np.array(part is not None),
         "light_turn": np.array(found.environment.rotation_deg),
         "albedo": found.albedo,
@@ -315,7 +316,7 @@ def _estimated(
     }
 
 
-_CHECKED = ("self_relight_db", "mesh_self_relight_db", "distrusted_share", "light_spread")
+_CHECKED = ("self_relight_db", "mesh_self_relight_db", "distrusted_share", "light_doubt_db")
 
 _DESCRIBED = ("separable", "reason", "evidence", "direction", "concentration", "color", "brightness")
 

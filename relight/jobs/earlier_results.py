@@ -34,6 +34,9 @@ if TYPE_CHECKING:
 REPORT = "report.json"
 """In every folder of results; it distinguishes them from other folders."""
 
+FIRST_LOOK = "first look"
+"""State in the report of results that come before a scene is meshed, which the final ones replace."""
+
 _SCENE = "scene.json"  # as of `splat2mesh.scene.folder`
 
 _ARRAYS = "vertices", "normals", "faces", "colors_srgb"  # of a Scene: what light on it depends on
@@ -121,6 +124,11 @@ def is_results(folder: str | os.PathLike[str]) -> bool:
     return (Path(folder) / REPORT).is_file()
 
 
+def is_first_look(folder: str | os.PathLike[str]) -> bool:
+    """Whether a folder holds a first look, in place of final results."""
+    return is_results(folder) and _read(Path(folder) / REPORT).get("state") == FIRST_LOOK
+
+
 def check_results(
     folder: str | os.PathLike[str], overwrite: bool, settings: Callable[[], dict[str, Any]] | None = None
 ) -> None:
@@ -130,6 +138,7 @@ def check_results(
     Raises InputError for a folder that cannot be made or holds something else, and, unless it may be overwritten, for
     one with results of other settings; the message names what differs.
     """
+    overwrite = overwrite or is_first_look(folder)
     adds = settings is not None and is_results(folder)
     check_output(folder, overwrite or adds, REPORT)
     if settings is not None and adds and not overwrite:
@@ -146,6 +155,8 @@ class Earlier:
     def __init__(self, folder: str | os.PathLike[str], settings: dict[str, Any], overwrite: bool = False) -> None:
         self._folder, self._settings = Path(folder), settings
         self._report = _read(self._folder / REPORT) if is_results(folder) else {}
+        if self._report.get("state") == FIRST_LOOK:
+            overwrite, self._report = True, {}
         known = self._report.get("settings")
         differing = _differences(known, settings) if isinstance(known, dict) else ["its report names none"]
         self._same = bool(self._report) and not differing

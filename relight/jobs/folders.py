@@ -3,6 +3,7 @@
 One call of `relight_files` does what one relight command does.
 """
 
+import contextlib
 import math
 import os
 import shutil
@@ -13,17 +14,20 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
+from splat2mesh.api import default_folder
 from splat2mesh.base import ahead
 from splat2mesh.base.console import recorded_warnings
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.outputs import check_output, staged_file
 from splat2mesh.base.progress import Stages
+from splat2mesh.capture import Capture, capture_of
 
 from ..light.daylight import DaylightRequest
 from ..light.environment import Environment
 from ..output.kinds import FILES, SHEET
 from ..request import AnyLight, RelightRequest
 from .earlier_results import check_results, is_results, settings_of
+from .first_look import RELIT, has_first_look, refuse, write_first_looks
 from .job import Job
 from .meshing import existing_folder, is_splat, refuse_meshing, scene_folder
 from .writer import Writer
@@ -70,7 +74,9 @@ def relight_files(request: RelightRequest, stages: Stages | None = None) -> Reli
     if is_city(request):
         return _relit_city(request, stages)
     with recorded_warnings() as messages:
-        request, notes = meshed_request(request, stages)
+        if request.quick:
+            return _first_looks(request, stages)
+        request, notes = meshed_request(request, stages, _look_ahead(request, stages))
         ahead.expect()  # an existing mesh skips meshing, which calls this
         return _relit(request, stages, messages, notes)
 
@@ -83,13 +89,61 @@ def is_city(request: RelightRequest) -> bool:
     return request.tiling is not None or "://" in os.fspath(scene) or (Path(scene) / CITY).is_file()
 
 
-def meshed_request(request: RelightRequest, stages: Stages) -> tuple[RelightRequest, list[str]]:
-    """Turn a request for a splat into one for its scene folder, made if missing. Also returns summary lines."""
+def _first_looks(request: RelightRequest, stages: Stages) -> RelitFiles:
+    """The first looks at a splat in all lights, with relit splats, and nothing else."""
+    refuse(request)
+    if not isinstance(request.scene, (str, os.PathLike)) or not _is_one_splat(request.scene):
+        raise InputError(f"`quick`: {request.scene} is no splat file, and meshes need no first look")
+    lights = lights_of(request)
+    folders = output_folders(request, lights)
+    capture = capture_of(request.scene, request.meshing, stages)
+    try:
+        reports = write_first_looks(request, capture, _with_lights(folders, lights, request), stages, splat=True)
+    except InputError as error:
+        raise InputError(f"`quick`: {request.scene}: {error}") from error
+    found = RelitFiles(folders, reports)
+    found.notes.extend(map(str, found.files))
+    return found
+
+
+def _look_ahead(request: RelightRequest, stages: Stages) -> Capture | None:
+    """Show a splat that has no scene yet in the first of its lights, where that is possible: what was read of it."""
+    scene = request.scene
+    if not isinstance(scene, (str, os.PathLike)) or not has_first_look(request) or not os.path.exists(scene):
+        return None
+    if not _is_one_splat(scene) or existing_folder(scene, request.meshing) is not None:
+        return None
+    lights = lights_of(request)
+    folder = output_folders(replace(request, scene=default_folder(scene)), lights)[0]
+    capture = capture_of(scene, request.meshing, stages)
+    with contextlib.suppress(InputError):  # a closed room is shown when it is meshed
+        write_first_looks(request, capture, _with_lights([folder], lights, request), stages, splat=False)
+        stages.notify(f"{folder / FILES['png']}: a first look; meshing goes on, and the final picture replaces it")
+    return capture
+
+
+def _with_lights(
+    folders: list[Path], lights: list[AnyLight], request: RelightRequest
+) -> list[tuple[Path, AnyLight, float]]:
+    return [(folder, *each) for folder, each in zip(folders, product(lights, request.angles_deg), strict=False)]
+
+
+def _is_one_splat(path: str | os.PathLike[str]) -> bool:
+    """Whether a path is a file of splats, and neither a folder nor a layout of several."""
+    return Path(path).is_file() and is_splat(path) and Path(path).suffix.lower() != ".json"
+
+
+def meshed_request(
+    request: RelightRequest, stages: Stages, capture: Capture | None = None
+) -> tuple[RelightRequest, list[str]]:
+    """Turn a request for a splat into one for its scene folder, made if missing. Also returns summary lines.
+
+    capture: of the splat, where it was read before."""
     scene = request.scene
     if isinstance(scene, (str, os.PathLike)):
         _check_there(scene)
         if is_splat(scene):
-            folder, notes = scene_folder(scene, request.meshing, stages)
+            folder, notes = scene_folder(scene, request.meshing, stages, capture)
             return replace(request, scene=folder), notes
     refuse_meshing(scene, request.meshing)
     return request, []
@@ -238,7 +292,7 @@ def _default_parent(scene: object) -> Path:
     if not isinstance(scene, (str, os.PathLike)):
         raise InputError("`output`: a scene in memory has no folder of its own; name one")
     source = Path(scene)
-    return source / "relit" if source.is_dir() else Path(f"{source.stem}_relit")
+    return Path(f"{source.stem}_relit") if source.is_file() else source / RELIT
 
 
 def _name(light: AnyLight) -> str:

@@ -6,12 +6,16 @@ from pathlib import Path
 from splat2mesh.api import convert, default_folder
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.progress import Stages
+from splat2mesh.capture import Capture
 from splat2mesh.options import ConvertOptions, changed_fields
+from splat2mesh.pipeline import meshed
 from splat2mesh.scene.folder import META
 from splat2mesh.scene.scene import Scene
 from splat2mesh.scene.sources import fingerprint
 from splat2mesh.splats.formats.register import looks_like_splat
 from splat2mesh.summary import summary_of
+
+from .first_look import first_looks_alone, looks_aside
 
 _SETTINGS = {"stand": "from"}
 """Fields of ConvertOptions with another name in scene.json."""
@@ -40,19 +44,21 @@ def is_splat(path: str | os.PathLike[str]) -> bool:
     return path.suffix.lower() == ".json" or looks_like_splat(path)
 
 
-def scene_folder(splat: str | os.PathLike[str], options: ConvertOptions, stages: Stages) -> tuple[Path, list[str]]:
+def scene_folder(
+    splat: str | os.PathLike[str], options: ConvertOptions, stages: Stages, capture: Capture | None = None
+) -> tuple[Path, list[str]]:
     """Return the scene folder of a splat, in the current folder, made if missing, and lines of a summary.
 
-    Raises InputError where another thing has its name, where the folder was made with other options, and for a splat
-    that cannot be used.
+    capture: of the splat, where it was read before. Raises InputError where another thing has its name, where the
+    folder was made with other options, and for a splat that cannot be used.
     """
     splat = Path(splat)
     folder = existing_folder(splat, options)
     if folder is not None:
         return folder, [f"{folder}: the existing scene of {splat}"]
     folder = Path(default_folder(splat))
-    scene = convert(splat, options, stages=stages)
-    with stages.stage("write"):
+    scene = convert(splat, options, stages=stages) if capture is None else meshed(splat, capture, options, stages)
+    with stages.stage("write"), looks_aside(folder):
         scene.save(folder)
     return folder, summary_of(scene, folder)
 
@@ -60,7 +66,7 @@ def scene_folder(splat: str | os.PathLike[str], options: ConvertOptions, stages:
 def existing_folder(splat: str | os.PathLike[str], options: ConvertOptions) -> Path | None:
     """Return the scene folder that a splat has already, or None. Errors as of `scene_folder`."""
     folder = Path(default_folder(splat))
-    if not os.path.lexists(folder):
+    if not os.path.lexists(folder) or (folder.is_dir() and first_looks_alone(folder)):
         return None
     settings = _check_made_of(folder, Path(splat))
     for name in changed_fields(options):

@@ -6,15 +6,19 @@ one gain for each colour, and a fifth of the loss without any gain. The choose a
 
 import json
 from collections import defaultdict
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 
 import numpy as np
 
 from relight.albedo import fitted, natural, posterior
 from relight.albedo.evidence import Evidence, LitPlaces, SeenSky
 from relight.sh import harmonics
+from splat2mesh.base.sphere import row_solid_angles
 from splat2mesh.scene.color import luminance, srgb_from_linear
 
-from .captures import DIRECTIONS, harmonics_of, load
+from . import trained
+from .captures import DIRECTIONS, harmonics_of, load, part_of
 
 STEPS = {
     "contrast": 3.0,
@@ -36,9 +40,6 @@ STEPS = {
 PLAIN = 0.2
 """Weight of the loss without a gain."""
 
-CEILING_DB = 28.0
-"""PSNR of a relit splat whose light is known: errors of the light add to its error."""
-
 DIMMEST = 1e-3
 """Light that places receive at least where the median albedo is found."""
 
@@ -55,6 +56,10 @@ def evidence_of(capture, numbers):
     return Evidence(LitPlaces(*fields), sky, numbers)
 
 
+SURE = 0.8
+"""Part of the captures whose loss lies within the doubt that is told."""
+
+
 def estimated(capture, numbers):
     """The image (64, 128, 3) of the estimated light, and the spread of its posterior."""
     evidence = evidence_of(capture, numbers)
@@ -69,7 +74,7 @@ def losses(capture, image):
     found = np.maximum(capture["seen_transfer"] @ harmonics_of(image), 0.0) + capture["seen_bounced"]
     good = true.min(axis=1) > 1e-3
     off = np.log(true[good]) - np.log(np.maximum(found[good], 1e-4))
-    floor, lost = 10 ** (-CEILING_DB / 10), []
+    floor, lost = 10 ** (-posterior.CEILING_DB / 10), []
     for each in (off - np.median(off, axis=0), off):
         found = []
         for wanted in capture["relit"]:
@@ -80,32 +85,61 @@ def losses(capture, image):
     return tuple(lost)
 
 
+def _scored(capture, numbers):
+    image, spread = estimated(capture, numbers)
+    return (*losses(capture, image), spread)
+
+
 def score(captures, numbers):
     """(C, 3) for each capture: the losses and the spread."""
-    rows = []
-    for capture in captures:
-        image, spread = estimated(capture, numbers)
-        rows.append((*losses(capture, image), spread))
-    return np.array(rows)
+    with ProcessPoolExecutor(mp_context=get_context("fork")) as pool:
+        return np.array(list(pool.map(_scored, captures, [numbers] * len(captures))))
 
 
-def usual_colors(captures, say=print):
-    """Usual colours of scenes under their true lights, a dict of numbers. An object may be of anything: its hue is
-    as unsure as that of all scenes. Soil and plants are alike."""
-    found = {False: defaultdict(list), True: defaultdict(list)}
-    for capture in captures:
-        light = harmonics.evaluate(capture["directions"], 8) @ capture["light"]
-        received = np.maximum(capture["sky"] @ light.astype(np.float32) + capture["bounced"], DIMMEST)
-        level = np.median(np.log(luminance(capture["captured"]) / luminance(received)))
-        hue = natural.AXES[1:] @ np.log(capture["captured"] / received).mean(axis=0)
-        found["sky_seen" in capture][capture["scene"]].append([level, *hue])
-    objects, outdoors = (np.array([np.mean(each, axis=0) for each in found[kind].values()]) for kind in (False, True))
-    every = np.vstack([objects, outdoors])
-    usual = {"albedo": np.exp(objects[:, 0].mean()), "albedo_outdoors": np.exp(outdoors[:, 0].mean())}
-    for name, values in (("warmth", every[:, 1]), ("warmth_outdoors", outdoors[:, 1]), ("green", every[:, 2])):
-        usual |= {name: values.mean(), f"{name}_spread": values.std()}
+def _errors(losses):
+    """Errors of sRGB colours that cost so many dB."""
+    return np.sqrt((10 ** (losses / 10) - 1.0) * 10 ** (-posterior.CEILING_DB / 10))
+
+
+def usual_colors(captures, trained, say=print):
+    """Usual colours of objects and of open places under their true lights, a dict of numbers.
+
+    Generated scenes share a few palettes, and trained ones are few: each of the two is half of a mean, and their
+    difference is part of a spread. The albedo of a median place; the hue of the mean albedo, weighted by the light.
+    """
+    found = {(kind, half): defaultdict(list) for kind in ("", "_outdoors") for half in (False, True)}
+    for half, each in ((False, captures), (True, trained)):
+        for capture in each:
+            light = harmonics.evaluate(capture["directions"], 8) @ capture["light"]
+            received = np.maximum(capture["sky"] @ light.astype(np.float32) + capture["bounced"], DIMMEST)
+            level = np.median(np.log(luminance(capture["captured"]) / luminance(received)))
+            hue = natural.AXES[1:] @ np.log(capture["captured"].mean(axis=0) / received.mean(axis=0))
+            found["_outdoors" * ("sky_seen" in capture), half][capture["scene"]].append([level, *hue])
+    usual = {}
+    for kind in ("", "_outdoors"):
+        halves = [np.array([np.mean(each, axis=0) for each in found[kind, half].values()]) for half in (False, True)]
+        halves = [each for each in halves if len(each)]
+        means = np.array([half.mean(axis=0) for half in halves])
+        mean = means.mean(axis=0)
+        spread = np.sqrt(np.mean([((half - mean) ** 2).mean(axis=0) for half in halves], axis=0))
+        usual |= {f"albedo{kind}": np.exp(mean[0])}
+        usual |= {f"warmth{kind}": mean[1], f"warmth{kind}_spread": spread[1]}
+        usual |= {f"green{kind}": mean[2], f"green{kind}_spread": spread[2]}
+        say(f"log albedo{kind}, warmth, green: halves {means.round(2).tolist()}, spread {spread.round(2).tolist()}")
     say({name: round(float(value), 3) for name, value in usual.items()})
-    say(f"log albedo varies over scenes by {objects[:, 0].std():.2f}, outdoors by {outdoors[:, 0].std():.2f}")
+    return {name: float(value) for name, value in usual.items()}
+
+
+def usual_lights(lights, say=print):
+    """Middle and spread of the hue of what light maps shine on level ground, a dict of numbers: the median, and 1.48
+    times the median distance from it, since some are lamps or evenings of any colour."""
+    weight = np.maximum(DIRECTIONS[:, 1], 0.0) * np.repeat(row_solid_angles(64, 128).ravel(), 128)
+    hues = np.array([natural.AXES[1:] @ np.log(weight @ image.reshape(-1, 3)) for image in lights])
+    middle = np.median(hues, axis=0)
+    spread = 1.4826 * np.median(np.abs(hues - middle), axis=0)
+    usual = {"light_warmth": middle[0], "light_warmth_spread": spread[0]}
+    usual |= {"light_green": middle[1], "light_green_spread": spread[1]}
+    say({name: round(float(value), 3) for name, value in usual.items()})
     return {name: float(value) for name, value in usual.items()}
 
 
@@ -116,8 +150,7 @@ def search(captures, numbers, rounds, say):
         rows = score(captures, tried)
         return float(rows[:, 0].mean() + PLAIN * rows[:, 1].mean())
 
-    best = loss(numbers)
-    say(f"start {best:.3f}")
+    best = loss(numbers) if rounds else 0.0
     for turn in range(rounds):
         for name, factor in STEPS.items():
             for step in (factor, 1.0 / factor):
@@ -130,18 +163,20 @@ def search(captures, numbers, rounds, say):
     return numbers
 
 
-def fit(folder, rounds=2, say=print):
-    """Fit on the part "fit" of a corpus, score all parts, and write fitted.json."""
+def fit(folder, lights, rounds=2, say=print):
+    """Fit on the part "fit" of a corpus and of lights, name -> radiance; score all parts, and write fitted.json."""
     parts = {part: load(folder, part) for part in ("fit", "choose", "test")}
-    numbers = fitted.FITTED
-    if rounds:
-        numbers = numbers._replace(**usual_colors(parts["fit"], say))
-        numbers = search(parts["fit"], numbers, rounds, say)
+    own = [image for name, image in lights.items() if part_of(name) == "fit"]
+    usual = usual_colors(parts["fit"], trained.load(folder), say) | usual_lights(own, say)
+    numbers = search(parts["fit"], fitted.FITTED._replace(**usual), rounds, say)
     rows = {part: score(captures, numbers) for part, captures in parts.items() if captures}
+    numbers = numbers._replace(doubt=float(np.quantile(_errors(rows["fit"][:, 0]) / rows["fit"][:, 2], SURE)))
     held = {}
     for part, each in rows.items():
         held[part] = {"captures": len(each), "loss_db": round(float(each[:, 0].mean()), 2)}
         held[part] |= {"loss_plain_db": round(float(each[:, 1].mean()), 2)}
+        within = _errors(each[:, 0]) <= numbers.doubt * each[:, 2]
+        held[part] |= {"within_doubt": round(float(within.mean()), 2)}
         say(f"{part}: {held[part]}")
     values = {name: float(f"{value:.4g}") for name, value in numbers._asdict().items()}
     text = json.dumps({"script": "scripts/fit light", "parts": held, "values": values}, indent=1)
@@ -157,7 +192,10 @@ def ablation(captures, numbers):
         "slanted pairs": {"slanted": 1e-6},
         "contrast": {"contrast": 1e-6},
         "the sky": {"sky": 1e-6, "clipped": 1e-6},
-        "hue": {"warmth_spread": 1e3, "green_spread": 1e3},
+        "hue of the albedo": {
+            f"{axis}{kind}_spread": 1e3 for axis in ("warmth", "green") for kind in ("", "_outdoors")
+        },
+        "hue of the light": {"light_warmth_spread": 1e3, "light_green_spread": 1e3},
         "a sun": {"sun": 1e6},
     }
     return {name: score(captures, numbers._replace(**change)).mean(axis=0)[:2] for name, change in without.items()}

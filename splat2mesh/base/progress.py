@@ -12,12 +12,13 @@ Advance: TypeAlias = Callable[[int], Any]
 class Stages:
     """Times the stages of one run and, when asked, shows them as progress bars on stderr.
 
-    seconds: dict of stage label -> wall-clock seconds, in the order in which the stages ran.
+    tell: called with lines of interest while the work goes on, where no bars are shown. seconds: dict of stage label ->
+    wall-clock seconds, in the order in which the stages ran.
     """
 
-    def __init__(self, show: bool = False) -> None:
+    def __init__(self, show: bool = False, tell: Callable[[str], None] | None = None) -> None:
         self.seconds: dict[str, float] = {}
-        self._show = show
+        self._show, self._tell = show, tell
         self._bars: Any = None
 
     @contextmanager
@@ -33,9 +34,11 @@ class Stages:
                 self._bars.update(task, total=1, completed=1)
 
     def notify(self, line: str) -> None:
-        """Show a line that stays, where progress is shown."""
+        """Show a line that stays."""
         if self._show:
             self._started().console.print(line, markup=False, highlight=False)
+        elif self._tell is not None:
+            self._tell(line)
 
     def close(self) -> None:
         """Restore the terminal; later stages, beside a window, show nothing."""

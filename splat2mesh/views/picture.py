@@ -1,6 +1,6 @@
 """The view for a picture of a place: from a visitor's position, towards the most closely captured part."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -28,17 +28,23 @@ SEEN = 1.02
 """Depth of a vertex over that of the surface before it, up to which the vertex shows."""
 
 
-def place_view(vertices: Points, faces: Faces, eyes: Sequence[Eye], trained: Sequence[View], up: Vector) -> View:
+def place_view(
+    vertices: Points,
+    depth_in: Callable[[View], Floats],
+    eyes: Sequence[Eye],
+    trained: Sequence[View],
+    up: Vector,
+) -> View:
     """The View that shows most of a place, from a sufficient distance.
 
-    vertices, faces: (V, 3) and (F, 3) of its mesh, in the splat's frame. eyes: list of standpoints.Eye. trained: list
-    of View, the cameras of the capture, if there are any. up: (3,) unit. A candidate's worth is the share of vertices
-    that it shows, times how far away its nearest surfaces are.
+    vertices: (V, 3) of its surface, in the splat's frame. depth_in: gives the camera z (H, W) of what a view shows.
+    eyes: list of standpoints.Eye. trained: list of View, the cameras of the capture, if there are any. up: (3,) unit. A
+    candidate's worth is the share of vertices that it shows, times how far away its nearest surfaces are.
     """
-    caster, rng = RayCaster(vertices, faces), np.random.default_rng(0)
+    rng = np.random.default_rng(0)
     points = vertices[rng.choice(len(vertices), min(SAMPLED, len(vertices)), replace=False)].astype(np.float64)
     views = _candidates(eyes, trained, np.asarray(up, np.float64))
-    depths = [_depths(caster, view) for view in views]
+    depths = [depth_in(view) for view in views]
     met = np.concatenate([depth[np.isfinite(depth)] for depth in depths])
     typical = float(np.median(met)) if len(met) else 1.0
     worth = [_worth(view, depth, points, typical) for view, depth in zip(views, depths, strict=True)]
@@ -57,11 +63,16 @@ def _candidates(eyes: Sequence[Eye], trained: Sequence[View], up: Vector) -> lis
     return [View.look_at(center, center + forward, up, FOV_DEG, COLUMNS, ROWS) for center, forward in looks]
 
 
-def _depths(caster: RayCaster, view: View) -> Floats:
-    """Camera z of the first surface in each pixel, (ROWS, COLUMNS) float32; infinite without one."""
-    directions = view.ray_directions()
-    origins = np.broadcast_to(view.center, directions.shape)
-    return caster.first_hits(np.concatenate([origins, directions], axis=-1)).distance
+def mesh_depth(vertices: Points, faces: Faces) -> Callable[[View], Floats]:
+    """A function that gives the camera z (H, W) float32 of a mesh's first surface in a view; infinite without one."""
+    caster = RayCaster(vertices, faces)
+
+    def depth(view: View) -> Floats:
+        directions = view.ray_directions()
+        origins = np.broadcast_to(view.center, directions.shape)
+        return caster.first_hits(np.concatenate([origins, directions], axis=-1)).distance
+
+    return depth
 
 
 def _worth(view: View, depth: Floats, points: Points, typical: float) -> float:
