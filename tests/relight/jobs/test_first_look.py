@@ -1,0 +1,79 @@
+"""The first look at a splat: what is written when, and what replaces it."""
+
+import json
+
+import pytest
+from ball_splats import solid_ball
+
+import relight.jobs.meshing
+from relight.cli import main
+from splat2mesh.pipeline import meshed
+from splat2mesh.splats.formats import read_splats, write_inria_ply
+
+FIRST = "ball/relit/noon_0"
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    """The current folder, with ball.ply."""
+    monkeypatch.chdir(tmp_path)
+    write_inria_ply("ball.ply", solid_ball())
+    return tmp_path
+
+
+def report(folder):
+    return json.loads((folder / "report.json").read_text())
+
+
+def test_quick_stops_at_the_first_look(here, capsys):
+    assert main(["ball.ply", "--env", "noon", "--rotate", "0:90:90", "--quick", "-o", "out"]) == 0
+    for name in ("noon_0", "noon_90"):
+        found = here / "out" / name
+        assert {entry.name for entry in found.iterdir()} == {"preview.png", "relit_splat.ply", "report.json"}
+        assert report(found)["state"] == "first look"
+        assert len(read_splats(found / "relit_splat.ply")) == 3000
+    assert "out/noon_90/preview.png" in capsys.readouterr().out
+    assert not (here / "ball").exists()
+
+
+def test_a_picture_comes_before_the_mesh_and_the_final_one_replaces_it(here, monkeypatch, capsys):
+    seen = []
+
+    def watched(*arguments):
+        seen.append((report(here / FIRST)["state"], (here / FIRST / "preview.png").read_bytes()))
+        return meshed(*arguments)
+
+    monkeypatch.setattr(relight.jobs.meshing, "meshed", watched)
+    assert main(["ball.ply", "--env", "noon", "--method", "analytic", "--bands", "3"]) == 0
+    assert seen[0][0] == "first look" and "a first look" in capsys.readouterr().err
+    final = report(here / FIRST)
+    assert "state" not in final and set(final["files"]) == {"relit.glb", "preview.png", "relit_splat.ply"}
+    assert (here / FIRST / "preview.png").read_bytes() != seen[0][1]
+    assert (here / "ball" / "scene.json").exists() and not list(here.glob(".ball*"))
+
+
+def test_after_an_interrupted_run_the_splat_is_meshed_again(here, monkeypatch):
+    def killed(*_):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(relight.jobs.meshing, "meshed", killed)
+        assert main(["ball.ply", "--env", "noon", "--method", "analytic"]) != 0
+    assert (here / FIRST / "preview.png").exists() and not (here / "ball" / "scene.json").exists()
+    assert main(["ball.ply", "--env", "noon", "--method", "analytic", "--bands", "3"]) == 0
+    assert "state" not in report(here / FIRST)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["ball.ply", "--env", "noon", "--quick", "--lamp", "0,1,0"], "--quick: it shows a splat under an environment"),
+        (["ball.ply", "--quick", "--env", "captured"], "--quick: it shows a splat under an environment"),
+        (["mesh.obj", "--env", "noon", "--quick"], "is no splat file"),
+    ],
+)
+def test_what_has_no_first_look_is_refused(here, capsys, words, message):
+    (here / "mesh.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    assert main(words) == 2
+    assert message in capsys.readouterr().err
+    assert {entry.name for entry in here.iterdir()} == {"ball.ply", "mesh.obj"}
