@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping
+from collections.abc import Set as AbstractSet
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
     from ..transfer.occluder import Occluder
     from ..transfer.store import Cache
     from .dynamic import DynamicGeometry
+    from .posed import PosedGeometry
 
 PLANNED = ("auto", "raytraced", "neural", "analytic")
 """Methods whose settings can be planned; the others guess, and no setting makes the error of that smaller."""
@@ -120,7 +122,7 @@ class Relighter:
             self._everything = self._everything._replace(volume=0)
         self._planner: Planner | None = None
         self._latest: Settings | None = None
-        self._dynamic: DynamicGeometry | None = None
+        self._dynamic: DynamicGeometry | PosedGeometry | None = None
         self._albedo: tuple[NDArray[np.floating], NDArray[np.float32] | None] | None = None
         self._posed: Precomputed | None = None
         self._max_speed = max_speed
@@ -286,25 +288,36 @@ class Relighter:
         changes: chunk -> (vertices, normals), (V, 3) both, as many of either as it had, scene frame.
         Only the region that the motion can reach is traced again. A chunk faster than `max_speed` carries its transfer
         along, until it slows down or `catch_up` is called. Bounces keep the matrix from before the motion until then; a
-        plan's bands and rays stay, with shadows everywhere. The Scene itself is not changed.
-        Raises InputError for arrays that do not fit and for methods other than "raytraced".
+        plan's bands and rays stay, with shadows everywhere. Under the methods "analytic" and "neural-gash" every moved
+        vertex is computed anew, without rays. The Scene itself is not changed.
+        Raises InputError for arrays that do not fit and for the methods "neural" and "blinn-phong".
         """
-        from .dynamic import DynamicGeometry, check_changes
+        from .dynamic import check_changes
 
         check_changes(self.scene, changes)
         if self._dynamic is None or not self._dynamic.moving >= changes.keys():
-            before = self._dynamic
-            moving = changes.keys() | (before.moving if before else set())
-            settings = before.settings if before else self._settings_now()
-            if settings.method != "raytraced":
-                if self.options.method != "auto":
-                    raise InputError(f"the method {settings.method} cannot follow motion; leave it at auto")
-                settings = self._everything._replace(method="raytraced", bands=DYNAMIC_BANDS, rays=DYNAMIC_RAYS)
-            settings = settings._replace(shadowed=None, volume=0)
-            self._dynamic = DynamicGeometry(self.scene, moving, settings, self.seed, self._max_speed, before)
+            self._dynamic = self._in_motion(changes.keys() | (self._dynamic.moving if self._dynamic else set()))
             self._direct_light = self._lit(self._dynamic)
         with self.stages.stage("motion"):
             return self._renewed(*self._dynamic.update(changes, seconds))
+
+    def _in_motion(self, moving: AbstractSet[int]) -> "DynamicGeometry | PosedGeometry":
+        """The geometry of which these chunks may move, in its present pose."""
+        from .dynamic import DynamicGeometry
+        from .posed import PER_VERTEX, PosedGeometry
+
+        before = self._dynamic
+        settings = before.settings if before else self._settings_now()
+        if self.options.method in PER_VERTEX:
+            assert before is None or isinstance(before, PosedGeometry)
+            return PosedGeometry(self.scene, moving, settings, before)
+        assert before is None or isinstance(before, DynamicGeometry)
+        if settings.method != "raytraced":
+            if self.options.method != "auto":
+                raise InputError(f"the method {settings.method} cannot follow motion; leave it at auto")
+            settings = self._everything._replace(method="raytraced", bands=DYNAMIC_BANDS, rays=DYNAMIC_RAYS)
+        settings = settings._replace(shadowed=None, volume=0)
+        return DynamicGeometry(self.scene, moving, settings, self.seed, self._max_speed, before)
 
     def catch_up(self) -> NDArray[np.int64]:
         """After motion, compute the postponed part, bounces included: the sorted rows whose light may change."""

@@ -77,7 +77,7 @@ class Plan:
         )
 
     def table(self) -> list[str]:
-        """The plan as lines of text: decisions, then the curve, thinned to a dozen steps."""
+        """The plan as lines of text: decisions, then the curve, thinned to a dozen steps and the choice."""
         wish = f"tolerance {self.tolerance:g}" if self.budget_s is None else f"budget {self.budget_s:g} s"
         lines = [f"plan for {wish}: {self.settings}", f"  {'effect':<15}{'error without':>14}  decision"]
         for effect, error, decision in self.contributions:
@@ -87,7 +87,9 @@ class Plan:
         lines.append(f"  predicted: error {percent(self.error)}{checked}; {self.seconds:.2f} s")
         lines.append(f"  measured on {self.vertices} vertices and {self.rays:,} rays in {self.planning_s:.2f} s")
         lines += ["accuracy against time", f"  {'seconds':>9}{'error':>9}"]
-        for seconds, error, settings in _thinned(self.curve, 14):
+        others = [row for row in self.curve if row[2] != self.settings]
+        chosen = self.seconds, self.error, self.settings
+        for seconds, error, settings in sorted([*_thinned(others, 13), chosen], key=lambda row: row[0]):
             mark = " <" if settings == self.settings else ""
             lines.append(f"  {seconds:9.3f}{percent(error):>9}  {settings}{mark}")
         return lines

@@ -29,7 +29,7 @@ from ..albedo.captured import LEAST_OPEN
 from ..albedo.evidence import Evidence
 from ..albedo.fitted import FITTED
 from ..albedo.said import Said
-from ..albedo.samples import MIN_VISIBLE
+from ..albedo.samples import MIN_VISIBLE, SAMPLES
 from ..albedo.skylight import LEAST_VISIBLE, exposure_of, seen_sky, visible_part
 from ..engine.exposure import exposure_as_captured
 from ..light.environment import Environment
@@ -39,6 +39,9 @@ from .coarse import CoarseSurface, coarse_surface
 
 NEAREST = 6
 """Places whose change of light a Gaussian takes."""
+
+FIRST_EYES = 8
+"""Standpoints, those that show most, among which that of the picture is chosen."""
 
 WIDTH = 960
 """Pixels of the picture, as of the final one."""
@@ -71,7 +74,9 @@ class CapturedDay(NamedTuple):
         surface = coarse_surface(capture, seed)
         if surface.visible.mean() < LEAST_OPEN:
             raise InputError("it is closed, and its light comes through windows, which its mesh shows")
-        light = _captured_light(capture, _taken(surface, surface.visible > MIN_VISIBLE), said, known)
+        witnesses = np.flatnonzero(surface.visible > MIN_VISIBLE)
+        some = witnesses[:: -(-len(witnesses) // SAMPLES) or 1]
+        light = _captured_light(capture, _taken(surface, some), said, known)
         before = surface.turned_light(light) + surface.bounced
         brightness = float(luminance(light.mean(axis=0)))
         nearest, weights = _beside(capture, surface)
@@ -123,7 +128,7 @@ def _captured_light(
     return posterior.mean_radiance(lights, surface.directions)
 
 
-def _taken(surface: CoarseSurface, rows: NDArray[np.bool_]) -> CoarseSurface:
+def _taken(surface: CoarseSurface, rows: NDArray[np.int64]) -> CoarseSurface:
     """Some of the places."""
     of_places = ("points", "normals", "captured", "sky", "bounced")
     return surface._replace(**{name: getattr(surface, name)[rows] for name in of_places})
@@ -158,7 +163,8 @@ def _view(capture: Capture, surface: CoarseSurface) -> View:
     if standing.kind == "outside":
         return picture_view(capture.foreground, up).resized(WIDTH)
     trained = spread_out(capture.trained, PICTURED)
-    return place_view(surface.points, lambda view: _depth(surface, view), standing.eyes, trained, up).resized(WIDTH)
+    eyes = standing.eyes[:FIRST_EYES]
+    return place_view(surface.points, lambda view: _depth(surface, view), eyes, trained, up).resized(WIDTH)
 
 
 def _depth(surface: CoarseSurface, view: View) -> Floats:

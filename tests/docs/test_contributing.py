@@ -77,8 +77,8 @@ def test_no_arrow_runs_back(package, forbidden):
 ORDER = {
     "splat2mesh": "base options splats scene render views surface texture tiles proxy capture pipeline layout summary "
     "info api cli",
-    "relight": "sh light transfer lamps options planning albedo rooms engine splats gloss insert live texture output "
-    "animation request tiles viewer jobs api arguments cli",
+    "relight": "sh light transfer lamps options planning albedo rooms engine splats quick gloss insert live texture "
+    "output animation request tiles viewer jobs api arguments cli",
 }
 """Rooms and top-level modules of each package: a module imports what stands before it, or its own room."""
 

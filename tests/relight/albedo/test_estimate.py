@@ -116,7 +116,7 @@ def test_light_and_albedo_come_apart():
     # Exact colours and transfer; what is left is the light's form. Captured colours are 0.40 off.
     assert error(found.albedo, albedo, seen) < 0.12 < 0.35 < error(captured, albedo, seen)
     assert angle_deg(found.direction, TOP_LEFT) < 5
-    assert found.color[0] > found.color[1] > found.color[2]
+    assert found.color[0] > 1.05 * found.color[2]  # half of the lamp's tint goes to the albedo: hue is the prior's
     assert ((found.albedo >= np.float32(DARKEST)) & (found.albedo <= np.float32(LIGHTEST))).all()
     assert (found.environment.radiance >= 0).all() and (found.irradiance >= 0).all()
 

@@ -148,7 +148,7 @@ def test_a_scene_planned_without_rays_gets_them_when_something_moves(light):
 
 @pytest.mark.parametrize(
     ("method", "chunk", "count", "message"),
-    [("auto", 3, 0, "chunks 0 to 2"), ("auto", 1, 5, "must have shape"), ("analytic", 1, 0, "cannot follow motion")],
+    [("auto", 3, 0, "chunks 0 to 2"), ("auto", 1, 5, "must have shape"), ("blinn-phong", 1, 0, "cannot follow motion")],
 )
 def test_what_cannot_move_is_refused(scene, light, method, chunk, count, message):
     relighter = Relighter(scene, method)
@@ -156,3 +156,21 @@ def test_what_cannot_move_is_refused(scene, light, method, chunk, count, message
     arrays = np.zeros((count or len(scene.chunks[1].vertices), 3), np.float32)
     with pytest.raises(InputError, match=message):
         relighter.update(chunk, arrays, arrays)
+
+
+@pytest.mark.parametrize("method", ["analytic", "neural-gash"])
+def test_methods_without_rays_take_every_pose_as_it_comes(scene, light, method):
+    """Within the bounds of the first pose, whose frame the network keeps, as a new Relighter of the moved scene."""
+    relighter = Relighter(scene, method)
+    relighter.shade(light)
+    poses, mesh = moved(scene, 1, (0.3, -0.05, -0.2))
+    turned = mesh.normals[:, [1, 2, 0]]
+    chunks = [poses.chunks[0], Mesh(mesh.vertices, turned, mesh.faces, mesh.colors_srgb), poses.chunks[2]]
+    rows = relighter.update(1, mesh.vertices, turned)
+    first = len(scene.chunks[0].vertices)
+    np.testing.assert_array_equal(rows, np.arange(first, first + len(mesh.vertices)))
+    found, expected = relighter.shade(light), Relighter(Scene(chunks), method).shade(light)
+    np.testing.assert_allclose(found, expected, atol=2e-3)  # transfers are kept in float16 by the second alone
+    again = relighter.update(1, scene.chunks[1].vertices, scene.chunks[1].normals)
+    assert len(again) == len(rows) and not relighter.stale
+    np.testing.assert_allclose(relighter.shade(light), Relighter(scene, method).shade(light), atol=2e-3)

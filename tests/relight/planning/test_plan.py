@@ -254,6 +254,7 @@ def test_everything_skipped_is_in_the_table_with_what_it_would_give(name, sky):
             assert 0.0 <= without <= (0.05 if "skipped" in decision else np.inf)
     text = "\n".join(found.table())
     assert all(effect in text for effect in rows) and str(found.settings) in text
+    assert sum(line.endswith(" <") for line in found.table()) == 1
 
 
 def test_tables_give_no_figure_for_errors_over_no_light():
