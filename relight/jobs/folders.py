@@ -21,6 +21,7 @@ from splat2mesh.base.errors import InputError
 from splat2mesh.base.outputs import check_output, staged_file
 from splat2mesh.base.progress import Stages
 from splat2mesh.capture import Capture, capture_of
+from splat2mesh.layout import is_layout
 
 from ..light.daylight import DaylightRequest
 from ..light.environment import Environment
@@ -130,7 +131,7 @@ def _with_lights(
 
 def _is_one_splat(path: str | os.PathLike[str]) -> bool:
     """Whether a path is a file of splats, and neither a folder nor a layout of several."""
-    return Path(path).is_file() and is_splat(path) and Path(path).suffix.lower() != ".json"
+    return Path(path).is_file() and is_splat(path) and not is_layout(path)
 
 
 def meshed_request(

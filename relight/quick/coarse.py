@@ -3,6 +3,7 @@
 Normals are the common shortest axis of Gaussians around a place. Rays march through the opacity of space.
 """
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -73,11 +74,10 @@ class CoarseSurface(NamedTuple):
 
 def coarse_surface(capture: Capture, seed: int = 0) -> CoarseSurface:
     """The CoarseSurface of a Capture."""
-    near = capture.splats.take(np.flatnonzero(~capture.far))
-    grid = OpacityGrid.around(near, bounds_of(capture.foreground), INNER_CELLS, OUTER_CELLS)
+    grid = OpacityGrid.around(near_splats(capture), bounds_of(capture.foreground), INNER_CELLS, OUTER_CELLS)
     turn = capture.rotation[:3, :3] / np.cbrt(np.linalg.det(capture.rotation[:3, :3]))
-    foreground = capture.foreground
-    solid = foreground.take(np.flatnonzero(foreground.opacities > SOLID))
+    plain = replace(capture.foreground, sh=capture.foreground.sh[:, :1])
+    solid = plain.take(np.flatnonzero(plain.opacities > SOLID))
     rows = _chosen(solid, np.random.default_rng(seed))
     tree = scipy.spatial.cKDTree(solid.means)
     around = tree.query(solid.means[rows], min(AROUND, len(solid)))[1]
@@ -96,6 +96,12 @@ def coarse_surface(capture: Capture, seed: int = 0) -> CoarseSurface:
     hidden = 1.0 - np.minimum(sky.sum(axis=1, dtype=np.float64), 1.0)
     bounced = hidden[:, None] * captured.mean(axis=0)
     return CoarseSurface(points, normals @ turn.T, captured, sky, directions, bounced, grid)
+
+
+def near_splats(capture: Capture) -> Splats:
+    """The splats of a Capture that are not far background, without what depends on the view."""
+    plain = replace(capture.splats, sh=capture.splats.sh[:, :1])
+    return plain.take(np.flatnonzero(~capture.far)) if capture.far.any() else plain
 
 
 def _chosen(solid: Splats, rng: np.random.Generator) -> NDArray[np.int64]:

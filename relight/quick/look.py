@@ -35,7 +35,7 @@ from ..engine.exposure import exposure_as_captured
 from ..light.environment import Environment
 from ..light.tonemap import auto_exposure, compress_highlights
 from ..splats.light_ratio import log_gain, relit_sh
-from .coarse import CoarseSurface, coarse_surface
+from .coarse import CoarseSurface, coarse_surface, near_splats
 
 NEAREST = 6
 """Places whose change of light a Gaussian takes."""
@@ -147,7 +147,7 @@ def _around(light: Environment, directions: NDArray[np.float64]) -> NDArray[np.f
 
 def _beside(capture: Capture, surface: CoarseSurface) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Places near each Gaussian that is not far, (S, k), and their weights, which sum to 1."""
-    near = capture.splats.take(np.flatnonzero(~capture.far))
+    near = near_splats(capture)
     distance, nearest = scipy.spatial.cKDTree(surface.points).query(near.means, NEAREST, workers=-1)
     turn = capture.rotation[:3, :3] / np.cbrt(np.linalg.det(capture.rotation[:3, :3]))
     shortest = near.scales.argmin(axis=1)
