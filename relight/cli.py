@@ -168,7 +168,7 @@ def _done(
     elif port is not None and _is_page(Path(words.scene)):
         return _page_served(Path(words.scene), port, display)
     compile_without_collector()
-    stages = Stages(display.progress, None if display.quiet else notify)
+    stages = Stages(display.progress, display.tell)
     try:
         if hasattr(words, "plan"):
             return _planned(request, stages)

@@ -24,7 +24,7 @@ from .direct import direct_light
 from .division import LIGHTEST, Prior, albedo_of, checked, prior_of, weighted_quantile
 from .evidence import Evidence, LitPlaces
 from .fitted import FITTED
-from .posterior import PosteriorLight
+from .posterior import PosteriorLight, doubt_db
 from .said import Said
 from .seen import SeenPoints
 from .skylight import LEAST_OPEN, seen_sky
@@ -74,6 +74,11 @@ class Estimate(NamedTuple):
     under_sky: bool = False
     spread: float = 0.0
     lights: tuple[PosteriorLight, ...] = ()
+
+    @property
+    def doubt_db(self) -> float:
+        """What a wrong light costs results at most, in four of five captures."""
+        return doubt_db(self.spread)
 
 
 class CaptureEvidence(NamedTuple):

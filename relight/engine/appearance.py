@@ -275,7 +275,6 @@ def _estimated(
     from ..albedo import CaptureEvidence, estimate, with_known_light
     from ..albedo.check import self_relight
     from ..albedo.offered import offer_lights
-    from ..albedo.posterior import doubt_db
     from ..transfer.bounces import visible_fraction
 
     known = relighter.transport(CAPTURE_OF_PLACE if relighter.scene.is_place else CAPTURE, alone=True)
@@ -305,7 +304,7 @@ def _estimated(
     return {
         **check,
         "under_sky": np.array(found.under_sky),
-        "light_doubt_db": np.array(doubt_db(found.spread)),
+        "light_doubt_db": np.array(found.doubt_db),
         "closed": np.array(part is not None),
         "light_turn": np.array(found.environment.rotation_deg),
         "albedo": found.albedo,

@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Directions, Indices, Points, Transfer
-from splat2mesh.base.errors import InputError
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene
 
@@ -81,10 +80,3 @@ class DynamicGeometry:
 
     def _renewed(self, rows: Indices) -> tuple[Indices, Indices]:
         return rows, rows if self._sunlight is None else np.union1d(rows, self._sunlight.update())
-
-
-def check_changes(scene: Scene, changes: Iterable[int]) -> None:
-    """Raise InputError for chunks that a scene does not have."""
-    for chunk in changes:
-        if chunk != int(chunk) or not 0 <= chunk < len(scene.chunks):
-            raise InputError(f"chunk {chunk}: the scene has chunks 0 to {len(scene.chunks) - 1}")

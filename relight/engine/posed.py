@@ -87,3 +87,10 @@ class PosedGeometry:
             return analytic(self._normals[part], self.settings.bands)
         guess = neural_gash(self._vertices[part], self._normals[part], frame=self._frame)
         return np.ascontiguousarray(guess[:, : self.settings.bands**2])
+
+
+def check_changes(scene: Scene, changes: Iterable[int]) -> None:
+    """Raise InputError for chunks that a scene does not have."""
+    for chunk in changes:
+        if chunk != int(chunk) or not 0 <= chunk < len(scene.chunks):
+            raise InputError(f"chunk {chunk}: the scene has chunks 0 to {len(scene.chunks) - 1}")

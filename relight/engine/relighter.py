@@ -20,6 +20,7 @@ from ..transfer.precomputed import Precomputed
 from ..transfer.settings import BOUNCE_RAYS, Settings
 from ..transfer.transport import Transport
 from .direct import DirectLight, Geometry
+from .posed import PER_VERTEX, PosedGeometry, check_changes
 from .static import StaticGeometry
 
 if TYPE_CHECKING:
@@ -31,7 +32,6 @@ if TYPE_CHECKING:
     from ..transfer.occluder import Occluder
     from ..transfer.store import Cache
     from .dynamic import DynamicGeometry
-    from .posed import PosedGeometry
 
 PLANNED = ("auto", "raytraced", "neural", "analytic")
 """Methods whose settings can be planned; the others guess, and no setting makes the error of that smaller."""
@@ -292,8 +292,6 @@ class Relighter:
         vertex is computed anew, without rays. The Scene itself is not changed.
         Raises InputError for arrays that do not fit and for the methods "neural" and "blinn-phong".
         """
-        from .dynamic import check_changes
-
         check_changes(self.scene, changes)
         if self._dynamic is None or not self._dynamic.moving >= changes.keys():
             self._dynamic = self._in_motion(changes.keys() | (self._dynamic.moving if self._dynamic else set()))
@@ -304,7 +302,6 @@ class Relighter:
     def _in_motion(self, moving: AbstractSet[int]) -> "DynamicGeometry | PosedGeometry":
         """The geometry of which these chunks may move, in its present pose."""
         from .dynamic import DynamicGeometry
-        from .posed import PER_VERTEX, PosedGeometry
 
         before = self._dynamic
         settings = before.settings if before else self._settings_now()

@@ -28,7 +28,7 @@ from ..light.environment import Environment
 from ..output.kinds import FILES, SHEET
 from ..request import AnyLight, RelightRequest
 from .earlier_results import check_results, is_results, settings_of
-from .first_look import RELIT, has_first_look, refuse, write_first_looks
+from .first_look import RELIT, has_first_look, refuse
 from .job import Job
 from .meshing import existing_folder, is_splat, refuse_meshing, scene_folder
 from .writer import Writer
@@ -99,7 +99,7 @@ def _first_looks(request: RelightRequest, stages: Stages) -> RelitFiles:
     folders = output_folders(request, lights)
     capture = capture_of(request.scene, request.meshing, stages)
     try:
-        reports = write_first_looks(request, capture, _with_lights(folders, lights, request), stages, splat=True)
+        reports = _write_looks(request, capture, _with_lights(folders, lights, request), stages, True)
     except InputError as error:
         raise InputError(f"`quick`: {request.scene}: {error}") from error
     found = RelitFiles(folders, reports)
@@ -118,9 +118,16 @@ def _look_ahead(request: RelightRequest, stages: Stages) -> Capture | None:
     folder = output_folders(replace(request, scene=default_folder(scene)), lights)[0]
     capture = capture_of(scene, request.meshing, stages)
     with contextlib.suppress(InputError):  # a closed room is shown when it is meshed
-        write_first_looks(request, capture, _with_lights([folder], lights, request), stages, splat=False)
+        _write_looks(request, capture, _with_lights([folder], lights, request), stages, False)
         stages.notify(f"{folder / FILES['png']}: a first look; meshing goes on, and the final picture replaces it")
     return capture
+
+
+def _write_looks(*arguments: Any) -> list[dict[str, Any]]:
+    """`look_writer.write_first_looks`, which a mesh does not need."""
+    from .look_writer import write_first_looks
+
+    return write_first_looks(*arguments)
 
 
 def _with_lights(

@@ -25,6 +25,7 @@ from .kept import (
 )
 from .kept_bounces import KeptBounces
 from .neighbors import Neighbors
+from .neuralgash import neural_gash
 from .receivers import Receivers
 from .settings import Settings
 from .store import Cache
@@ -152,8 +153,6 @@ class Precomputed(KeptBounces):
                     transfer = self._volumes.mixed(transfer, settings.volume, self.receivers.traced)
             transfer = self.receivers.filled(rounded(transfer))
         elif method == "neural-gash":
-            from .neuralgash import neural_gash
-
             with self._stages.stage("transfer", count) as advance:
                 guess = neural_gash(self.scene.vertices, self.scene.normals, advance)
                 transfer = rounded(np.ascontiguousarray(guess[:, : bands**2]))

@@ -44,6 +44,11 @@ class Display:
         """Whether progress bars belong on stderr: only on a terminal, and only without --quiet."""
         return sys.stderr.isatty() and not self.quiet
 
+    @property
+    def tell(self) -> Callable[[str], None] | None:
+        """Prints a line while the work goes on; None with --quiet."""
+        return None if self.quiet else notify
+
 
 def run(
     command: Callable[[], tuple[list[str], Any]],

@@ -16,6 +16,7 @@ from ..base.errors import InputError
 from ..base.progress import Stages
 from ..render.opacitygrid import SCALES_PER_PIXEL
 from ..render.view import View
+from ..splats.merging import merged
 from ..splats.splats import Splats
 from ..views.viewpoints import bounds_of, near_plane
 from .color import RenderedPicture
@@ -54,6 +55,11 @@ FINEST_VOXEL = 0.5
 
 SPARE_VERTICES = 1.3
 """Vertices of a raw surface over those wanted, where it is made again for a larger mesh."""
+
+
+PER_PIXEL, SIDES_SEEN = 1.0, 3.0
+"""Gaussians for each pixel of the surface in views of it, beyond which they are merged; and pixels of a surface in all,
+over those of one view."""
 
 
 @dataclass(frozen=True)
@@ -153,6 +159,8 @@ def _field(look: Look, effort: Effort, vertices: int, stages: Stages) -> tuple[A
     from ..render.opacityfield import field_depth
     from .fusion import PlaneMap, fuse
 
+    with stages.stage("merge"):
+        look = merged_look(look)
     splats, pixel, views, near = look
     diagonal = float(np.linalg.norm(np.ptp(bounds_of(splats), axis=0)))
     maps, pictures = [], []
@@ -173,6 +181,17 @@ def _field(look: Look, effort: Effort, vertices: int, stages: Stages) -> tuple[A
         with stages.stage("finer fusion", total=len(views)) as advance:
             mesh = fuse(maps, max(finest, voxel * np.sqrt(found / (SPARE_VERTICES * vertices))), advance)
     return mesh, pictures
+
+
+def merged_look(look: Look) -> Look:
+    """The same with Gaussians that are finer than its views merged, so the work follows what is seen.
+
+    Splats in spatial order. A surface is seen in a third of the views or so, so its pixels are about three times those
+    of one view.
+    """
+    seen = SIDES_SEEN * max(view.width * view.height for view in look.views)
+    together = int(len(look.splats) / (PER_PIXEL * seen))
+    return look._replace(splats=merged(look.splats, together)) if together > 1 else look
 
 
 def _sugar(look: Look, effort: Effort, vertices: int, stages: Stages) -> tuple[Any, list[RenderedPicture]]:

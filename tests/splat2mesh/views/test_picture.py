@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from splat2mesh.render.view import View
-from splat2mesh.views.picture import place_view
+from splat2mesh.views.picture import mesh_depth, place_view
 from splat2mesh.views.standpoints import Eye
 
 UP = np.array([0.0, 1.0, 0.0])
@@ -39,7 +39,7 @@ CLOSET = Eye(np.array([-6.0, 1.6, 0.0]), 0.01)
 def test_the_picture_shows_what_was_captured_most_closely_and_no_wall(yard):
     vertices, faces = yard
     eyes = [CLOSET, Eye(np.array([-1.0, 1.6, 3.0]), 0.01)]
-    view = place_view(vertices, faces, eyes, [], UP)
+    view = place_view(vertices, mesh_depth(vertices, faces), eyes, [], UP)
     assert view.width / view.height == pytest.approx(4 / 3)
     np.testing.assert_allclose(view.center, eyes[1].center, atol=1e-12)
     pixels, depth = view.project(vertices[-3600:].astype(np.float64))
@@ -50,6 +50,6 @@ def test_the_picture_shows_what_was_captured_most_closely_and_no_wall(yard):
 def test_a_camera_of_the_capture_may_have_the_best_view(yard):
     vertices, faces = yard
     trained = View.look_at([3.8, 2.4, 6.0], [3.8, 0.8, 3.2], UP, 50.0, 64)
-    view = place_view(vertices, faces, [CLOSET], [trained], UP)
+    view = place_view(vertices, mesh_depth(vertices, faces), [CLOSET], [trained], UP)
     np.testing.assert_allclose(view.center, trained.center)
     np.testing.assert_allclose(view.forward, trained.forward, atol=1e-12)
