@@ -57,7 +57,7 @@ SPARE_VERTICES = 1.3
 """Vertices of a raw surface over those wanted, where it is made again for a larger mesh."""
 
 
-PER_PIXEL, SIDES_SEEN = 1.0, 3.0
+PER_PIXEL, SIDES_SEEN = 0.5, 3.0
 """Gaussians for each pixel of the surface in views of it, beyond which they are merged; and pixels of a surface in all,
 over those of one view."""
 
