@@ -3,8 +3,9 @@
 FILE is a splat; without any, a nook is generated. Each is relit by `relight FILE --quick`, then by `relight FILE`, that
 meshes it, as commands in an empty folder. Seconds of the clock until the first picture is there and until the end, and
 processor seconds of all threads. `db` is the PSNR of the first look's colours against the final ones, over Gaussians
-weighted by opacity and area. With --truth both are scored against the pictures of a known scene too, with one gain
-for each colour: `first_db`, `final_db`. All run compiled: the quick command once before, unmeasured.
+that are no far background, weighted by opacity and area. With --truth both are scored against the pictures of a known
+scene too, with one gain for each colour: `first_db`, `final_db`. All run compiled: the quick command once before,
+unmeasured.
 """
 
 import os
@@ -81,9 +82,11 @@ def _timed(words, folder):
 
 def _apart(first, final):
     """PSNR of display colours."""
+    from splat2mesh.surface.background import far_background
+
     scales = np.sort(final.scales, axis=1)
     weight = (final.opacities * scales[:, 1] * scales[:, 2]).astype(np.float64)
-    weight = np.minimum(weight, np.percentile(weight, 95))
+    weight = np.minimum(weight, np.percentile(weight, 95)) * ~far_background(final)
     colors = [np.clip(each.colors_diffuse, 0.0, 1.0) for each in (first, final)]
     error = weight @ ((colors[0] - colors[1]) ** 2).mean(axis=1) / weight.sum()
     return -10.0 * np.log10(error)

@@ -36,7 +36,7 @@ def splat_volume(splats: Splats) -> NDArray[np.float32]:
     solid = np.flatnonzero(splats.opacities > SOLID)
     if len(solid) <= NEIGHBORS:
         return result
-    anchors = solid[:: max(1, len(solid) // ANCHORS)]
+    anchors = solid[:: -(-len(solid) // ANCHORS)]
     means = splats.means[anchors].astype(np.float64)
     _, near = scipy.spatial.cKDTree(means).query(means, NEIGHBORS + 1, workers=-1)
     near = np.sort(near, axis=1)  # sums in one order, whatever the tree's
