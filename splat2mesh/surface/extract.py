@@ -186,12 +186,14 @@ def _field(look: Look, effort: Effort, vertices: int, stages: Stages) -> tuple[A
 def merged_look(look: Look) -> Look:
     """The same with Gaussians that are finer than its views merged, so the work follows what is seen.
 
-    Splats in spatial order. A surface is seen in a third of the views or so, so its pixels are about three times those
+    A surface is seen in a third of the views or so, so its pixels are about three times those
     of one view.
     """
     seen = SIDES_SEEN * max(view.width * view.height for view in look.views)
     together = int(len(look.splats) / (PER_PIXEL * seen))
-    return look._replace(splats=merged(look.splats, together)) if together > 1 else look
+    if together < 2:
+        return look
+    return look._replace(splats=merged(look.splats.in_spatial_order(), together))
 
 
 def _sugar(look: Look, effort: Effort, vertices: int, stages: Stages) -> tuple[Any, list[RenderedPicture]]:

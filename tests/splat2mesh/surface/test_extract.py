@@ -21,6 +21,7 @@ from splat2mesh.surface.extract import (
     as_trained,
     dilated,
     extract,
+    merged_look,
     training_pixel,
 )
 from splat2mesh.views.viewpoints import even_directions, virtual_views
@@ -67,6 +68,22 @@ def test_an_object_comes_back_to_a_fraction_of_a_training_pixel(way):
     # Of the order of a training pixel, the thickness that generated splats have; without a field, exactly that.
     thickness = np.concatenate([picture.thickness[np.isfinite(picture.thickness)] for picture in pictures])
     assert 0.5 * pixel < np.median(thickness) < 2 * pixel if way == "field" else (thickness == np.float32(pixel)).all()
+
+
+def test_gaussians_finer_than_the_views_are_merged_and_the_surface_stays():
+    """40,000 Gaussians for 4,608 pixels of the surface at half a one each: eight become one, in any order of rows."""
+    truth, pixel = scene("object", 40_000)[0], training_pixel(scene("object", 40_000)[2])
+    splats = dilated_splats("object", 40_000)
+    shuffled = splats.take(np.random.default_rng(0).permutation(len(splats)))
+    look = Look.around(shuffled, pixel, capture_views(truth, SMALL.views, 56))
+    few = merged_look(look)
+    assert len(few.splats) == len(splats) // 8 and few.views is look.views
+    assert merged_look(look._replace(splats=splats.take(slice(0, 9000)))).splats.means.shape == (9000, 3)
+    # Centres of Gaussians scatter about the surface, and means of neighbours lie a little inside a curved one.
+    all_off, few_off = (
+        np.percentile(distances(caster(truth), each.means * FLIP), [50, 95]) for each in (splats, few.splats)
+    )
+    assert (few_off < all_off * [1.5, 1.2]).all()
 
 
 @pytest.mark.parametrize("way", SURFACE_CHOICES)
