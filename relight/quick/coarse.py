@@ -11,6 +11,7 @@ import scipy
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Floats, Mask, Points
+from splat2mesh.base.errors import InputError
 from splat2mesh.capture import Capture
 from splat2mesh.render.opacitygrid import OpacityGrid
 from splat2mesh.scene.color import linear_from_srgb
@@ -24,8 +25,11 @@ from ..sh.sphere import fibonacci_sphere
 PLACES = 4000
 """That carry the change of light. Twice as many take twice the time."""
 
+LEAST_PLACES = 100
+"""Fewer tell nothing of a light."""
+
 DIRECTIONS = 512
-"""Of light, as many as the estimate of the captured light has."""
+"""Of light: half as many as the estimate of the captured light of a mesh has."""
 
 SIDES = 128
 """Directions that tell on which side of a surface the air is."""
@@ -73,11 +77,13 @@ class CoarseSurface(NamedTuple):
 
 
 def coarse_surface(capture: Capture, seed: int = 0) -> CoarseSurface:
-    """The CoarseSurface of a Capture."""
+    """The CoarseSurface of a Capture. Raises InputError for one without a surface."""
     grid = OpacityGrid.around(near_splats(capture), bounds_of(capture.foreground), INNER_CELLS, OUTER_CELLS)
     turn = capture.rotation[:3, :3] / np.cbrt(np.linalg.det(capture.rotation[:3, :3]))
     plain = replace(capture.foreground, sh=capture.foreground.sh[:, :1])
     solid = plain.take(np.flatnonzero(plain.opacities > SOLID))
+    if len(solid) < LEAST_PLACES:
+        raise InputError(f"only {len(solid)} of its splats are solid")
     rows = _chosen(solid, np.random.default_rng(seed))
     tree = scipy.spatial.cKDTree(solid.means)
     around = tree.query(solid.means[rows], min(AROUND, len(solid)))[1]
@@ -86,6 +92,8 @@ def coarse_surface(capture: Capture, seed: int = 0) -> CoarseSurface:
     step = STEP * float(grid.cells[0])
     eyes = np.array([eye.center for eye in capture.standing.eyes])
     side, seen = _sides(grid, points, normals, step, eyes)
+    if seen.sum() < LEAST_PLACES:
+        raise InputError("hardly any of its surface was seen")
     points, normals, around = points[seen], (side[:, None] * normals)[seen], around[seen]
     directions = fibonacci_sphere(DIRECTIONS)
     met = grid.march(points + step * normals, directions @ turn)[0]

@@ -35,7 +35,7 @@ from ..engine.exposure import exposure_as_captured
 from ..light.environment import Environment
 from ..light.tonemap import auto_exposure, compress_highlights
 from ..splats.light_ratio import log_gain, relit_sh
-from .coarse import CoarseSurface, coarse_surface, near_splats
+from .coarse import LEAST_PLACES, CoarseSurface, coarse_surface, near_splats
 
 NEAREST = 6
 """Places whose change of light a Gaussian takes."""
@@ -75,7 +75,9 @@ class CapturedDay(NamedTuple):
         if surface.visible.mean() < LEAST_OPEN:
             raise InputError("it is closed, and its light comes through windows, which its mesh shows")
         witnesses = np.flatnonzero(surface.visible > MIN_VISIBLE)
-        some = witnesses[:: -(-len(witnesses) // SAMPLES) or 1]
+        if len(witnesses) < LEAST_PLACES:
+            raise InputError("too little of it sees the sky")
+        some = witnesses[:: -(-len(witnesses) // SAMPLES)]
         light = _captured_light(capture, _taken(surface, some), said, known)
         before = surface.turned_light(light) + surface.bounced
         brightness = float(luminance(light.mean(axis=0)))

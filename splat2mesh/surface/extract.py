@@ -189,8 +189,8 @@ def merged_look(look: Look) -> Look:
     A surface is seen in a third of the views or so, so its pixels are about three times those
     of one view.
     """
-    seen = SIDES_SEEN * max(view.width * view.height for view in look.views)
-    together = int(len(look.splats) / (PER_PIXEL * seen))
+    seen = SIDES_SEEN * max((view.width * view.height for view in look.views), default=0)
+    together = int(len(look.splats) / (PER_PIXEL * seen)) if seen else 1
     if together < 2:
         return look
     return look._replace(splats=merged(look.splats.in_spatial_order(), together))

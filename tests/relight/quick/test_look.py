@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from ball_splats import RADIUS, solid_ball
+from disc_splats import plain
 from place_splats import room
 
 from relight.albedo.said import Said
@@ -84,4 +85,12 @@ def test_a_closed_room_has_no_first_look(tmp_path):
     write_inria_ply(tmp_path / "room.ply", room())
     capture = capture_of(tmp_path / "room.ply", ConvertOptions(up="+y"), Stages())
     with pytest.raises(InputError, match="it is closed"):
+        CapturedDay.of(capture, Said())
+
+
+@pytest.mark.parametrize("opacity", [0.02, 0.25])
+def test_what_has_no_surface_has_no_first_look(tmp_path, opacity):
+    write_inria_ply(tmp_path / "fog.ply", plain(np.random.default_rng(0).normal(size=(500, 3)), 0.05, opacity=opacity))
+    capture = capture_of(tmp_path / "fog.ply", ConvertOptions(up="+y"), Stages())
+    with pytest.raises(InputError, match="only 0 of its splats are solid"):
         CapturedDay.of(capture, Said())
