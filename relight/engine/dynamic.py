@@ -7,12 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Directions, Indices, Points, Transfer
-from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene
 
 from ..transfer.dynamic import Anchor, DynamicTransfer
 from ..transfer.dynamic_suns import DynamicSunlight
 from ..transfer.settings import Settings
+from .posed import scene_at
 
 if TYPE_CHECKING:
     from ..light.suns import Suns
@@ -73,10 +73,7 @@ class DynamicGeometry:
 
     def scene(self, like: Scene) -> Scene:
         """The Scene in its present pose, with all else from another."""
-        ends = np.cumsum([len(chunk.vertices) for chunk in like.chunks])[:-1]
-        poses = np.split(self._traced.vertices, ends), np.split(self._traced.normals, ends)
-        chunks = zip(*poses, like.chunks, strict=True)
-        return Scene([Mesh(vertices, normals, old.faces, old.colors_srgb) for vertices, normals, old in chunks])
+        return scene_at(like, self._traced.vertices, self._traced.normals)
 
     def _renewed(self, rows: Indices) -> tuple[Indices, Indices]:
         return rows, rows if self._sunlight is None else np.union1d(rows, self._sunlight.update())

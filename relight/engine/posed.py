@@ -78,15 +78,20 @@ class PosedGeometry:
 
     def scene(self, like: Scene) -> Scene:
         """The Scene in its present pose, with all else from another."""
-        poses = (np.split(values, self._ends[1:-1]) for values in (self._vertices, self._normals))
-        chunks = zip(*poses, like.chunks, strict=True)
-        return Scene([Mesh(vertices, normals, old.faces, old.colors_srgb) for vertices, normals, old in chunks])
+        return scene_at(like, self._vertices, self._normals)
 
     def _of(self, part: slice) -> Transfer:
         if self.settings.method == "analytic":
             return analytic(self._normals[part], self.settings.bands)
         guess = neural_gash(self._vertices[part], self._normals[part], frame=self._frame)
         return np.ascontiguousarray(guess[:, : self.settings.bands**2])
+
+
+def scene_at(like: Scene, vertices: Points, normals: Directions) -> Scene:
+    """A Scene with other vertices and normals, (V, 3) both, chunk after chunk."""
+    ends = np.cumsum([len(chunk.vertices) for chunk in like.chunks])[:-1]
+    chunks = zip(np.split(vertices, ends), np.split(normals, ends), like.chunks, strict=True)
+    return Scene([Mesh(points, own, old.faces, old.colors_srgb) for points, own, old in chunks])
 
 
 def check_changes(scene: Scene, changes: Iterable[int]) -> None:
