@@ -199,6 +199,8 @@ def _done(
 
 def _check_session(words: argparse.Namespace, port: int | None) -> None:
     """Raise InputError for ways to show a session that do not go together."""
+    if hasattr(words, "quick") and (port is not None or any(hasattr(words, n) for n in ("plan", "view", "screenshot"))):
+        raise InputError("--quick: it writes files, and shows neither a plan nor a session")
     if port is not None and (hasattr(words, "view") or not 0 <= port <= MOST_PORT):
         raise InputError(f"--serve {port or ''}: expected a port up to {MOST_PORT}, and no --view beside it")
     if getattr(words, "screenshot", None):

@@ -1,7 +1,9 @@
 """Which requests have a first look, shown before a splat is meshed, and the folders that hold nothing else."""
 
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import fields
 from pathlib import Path
 
 from splat2mesh.base.errors import InputError
@@ -16,11 +18,14 @@ RELIT = "relit"
 
 
 def has_first_look(request: RelightRequest) -> bool:
-    """Whether the picture of a request can be shown in advance: under an environment alone."""
-    lighting = request.lighting
-    plain = not (lighting.changes_captured_light or request.inserted or request.animated or request.day)
-    shown = request.formats is None or "png" in request.formats
-    return plain and shown and request.albedo in (None, "estimated") and CAPTURED not in request.envs
+    """Whether a picture is wanted that can be shown in advance."""
+    return _plain(request) and (request.formats is None or "png" in request.formats)
+
+
+def _plain(request: RelightRequest) -> bool:
+    """Whether a request shows a capture under environments alone."""
+    changes = request.lighting.changes_captured_light or request.inserted or request.animated or request.day
+    return not changes and request.albedo in (None, "estimated") and CAPTURED not in request.envs
 
 
 def first_looks_alone(folder: Path) -> bool:
@@ -37,6 +42,7 @@ def looks_aside(folder: Path) -> Iterator[None]:
         yield
         return
     aside = folder.with_name(f".{folder.name}.looks")
+    shutil.rmtree(aside, ignore_errors=True)  # of a run that was killed
     folder.rename(aside)
     try:
         yield
@@ -48,7 +54,25 @@ def looks_aside(folder: Path) -> Iterator[None]:
             aside.rename(folder)
 
 
+HEEDED = {"scene", "env", "lighting", "angles_deg", "sun", "at", "north_deg", "albedo", "capture_env", "exposure_ev"}
+HEEDED |= {"formats", "caching", "meshing", "output", "overwrite", "quick"}
+"""Fields of a request that a first look obeys, or that change nothing in it."""
+
+
 def refuse(request: RelightRequest) -> None:
     """Raise InputError for a request whose quick result there is not."""
-    if not has_first_look(request):
+    if not _plain(request):
         raise InputError("`quick`: it shows a splat under an environment, without lamps, objects or moving things")
+    for each in fields(request):
+        if each.name not in HEEDED and getattr(request, each.name) != each.default:
+            raise InputError(f"`{each.name}`: a first look does not heed it; leave out `quick`")
+    if "captured_light" in request.lighting.said:
+        raise InputError("`captured_light`: a first look has no folder of a scene; leave out `quick`")
+    if not {*(request.formats or ())} <= {"png", "splat"}:
+        raise InputError("`formats`: a first look has png and splat alone; leave out `quick`")
+
+
+def discard(folder: Path) -> None:
+    """Remove first looks whose scene could not be meshed."""
+    if folder.is_dir() and first_looks_alone(folder):
+        shutil.rmtree(folder)

@@ -28,7 +28,7 @@ from ..light.environment import Environment
 from ..output.kinds import FILES, SHEET
 from ..request import AnyLight, RelightRequest
 from .earlier_results import check_results, is_results, settings_of
-from .first_look import RELIT, has_first_look, refuse
+from .first_look import RELIT, discard, has_first_look, refuse
 from .job import Job
 from .meshing import existing_folder, is_splat, refuse_meshing, scene_folder
 from .writer import Writer
@@ -72,12 +72,20 @@ def relight_files(request: RelightRequest, stages: Stages | None = None) -> Reli
     tiles of a city failed and the others are done.
     """
     stages = stages or Stages()
+    if request.quick:
+        refuse(request)
     if is_city(request):
         return _relit_city(request, stages)
     with recorded_warnings() as messages:
         if request.quick:
             return _first_looks(request, stages)
-        request, notes = meshed_request(request, stages, _look_ahead(request, stages))
+        capture = _look_ahead(request, stages)
+        try:
+            request, notes = meshed_request(request, stages, capture)
+        except BaseException:
+            if capture is not None:
+                discard(Path(default_folder(os.fspath(request.scene))))  # type: ignore[arg-type]
+            raise
         ahead.expect()  # an existing mesh skips meshing, which calls this
         return _relit(request, stages, messages, notes)
 
@@ -92,14 +100,14 @@ def is_city(request: RelightRequest) -> bool:
 
 def _first_looks(request: RelightRequest, stages: Stages) -> RelitFiles:
     """The first looks at a splat in all lights, with relit splats, and nothing else."""
-    refuse(request)
     if not isinstance(request.scene, (str, os.PathLike)) or not _is_one_splat(request.scene):
         raise InputError(f"`quick`: {request.scene} is no splat file, and meshes need no first look")
     lights = lights_of(request)
     folders = output_folders(request, lights)
     capture = capture_of(request.scene, request.meshing, stages)
+    splat = request.formats is None or "splat" in request.formats
     try:
-        reports = _write_looks(request, capture, _with_lights(folders, lights, request), stages, True)
+        reports = _write_looks(request, capture, _with_lights(folders, lights, request), stages, splat)
     except InputError as error:
         raise InputError(f"`quick`: {request.scene}: {error}") from error
     found = RelitFiles(folders, reports)

@@ -79,7 +79,7 @@ class CoarseSurface(NamedTuple):
 def coarse_surface(capture: Capture, seed: int = 0) -> CoarseSurface:
     """The CoarseSurface of a Capture. Raises InputError for one without a surface."""
     grid = OpacityGrid.around(near_splats(capture), bounds_of(capture.foreground), INNER_CELLS, OUTER_CELLS)
-    turn = capture.rotation[:3, :3] / np.cbrt(np.linalg.det(capture.rotation[:3, :3]))
+    turn = capture.rotation[:3, :3]
     plain = replace(capture.foreground, sh=capture.foreground.sh[:, :1])
     solid = plain.take(np.flatnonzero(plain.opacities > SOLID))
     if len(solid) < LEAST_PLACES:

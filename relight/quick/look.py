@@ -103,8 +103,7 @@ class CapturedDay(NamedTuple):
 
     def _picture(self, relit: Splats, light: Environment, exposure: float) -> NDArray[np.uint8]:
         seen = rasterize(relit, self.view, near_plane(bounds_of(self.capture.foreground)))
-        turn = self.capture.rotation[:3, :3] / np.cbrt(np.linalg.det(self.capture.rotation[:3, :3]))
-        ways = self.view.ray_directions().reshape(-1, 3) @ turn.T
+        ways = self.view.ray_directions().reshape(-1, 3) @ self.capture.rotation[:3, :3].T
         ways /= np.linalg.norm(ways, axis=1, keepdims=True)
         sky = srgb_from_linear(compress_highlights(light.lookup(ways) * np.float32(exposure)))
         image = np.clip(seen.color, 0.0, 1.0) + (1.0 - seen.alpha[..., None]) * sky.reshape(seen.color.shape)
@@ -151,10 +150,11 @@ def _beside(capture: Capture, surface: CoarseSurface) -> tuple[NDArray[np.int64]
     """Places near each Gaussian that is not far, (S, k), and their weights, which sum to 1."""
     near = near_splats(capture)
     distance, nearest = scipy.spatial.cKDTree(surface.points).query(near.means, NEAREST, workers=-1)
-    turn = capture.rotation[:3, :3] / np.cbrt(np.linalg.det(capture.rotation[:3, :3]))
     shortest = near.scales.argmin(axis=1)
     axes = np.take_along_axis(near.rotation_matrices(), shortest[:, None, None], axis=2)[:, :, 0]
-    agree = np.abs(np.einsum("sc,skc->sk", axes, (surface.normals @ turn)[nearest].astype(np.float32)))
+    agree = np.abs(
+        np.einsum("sc,skc->sk", axes, (surface.normals @ capture.rotation[:3, :3])[nearest].astype(np.float32))
+    )
     weights = np.exp(-((distance / np.maximum(distance[:, 2:3], 1e-12)) ** 2)) * (0.05 + agree**2)
     return nearest, weights / weights.sum(axis=1, keepdims=True)
 

@@ -44,7 +44,7 @@ def _made(options, folder):
     from scenes.__main__ import main as made
 
     made([str(folder / "made"), "--kind", options.kind, "--splats", str(options.splats), "--views", "24"])
-    return next((folder / "made").rglob("point_cloud.ply"))
+    return folder / "made" / "splat.ply"
 
 
 def _row(source, options, folder):

@@ -59,7 +59,9 @@ def test_after_an_interrupted_run_the_splat_is_meshed_again(here, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr(relight.jobs.meshing, "meshed", killed)
         assert main(["ball.ply", "--env", "noon", "--method", "analytic"]) != 0
-    assert (here / FIRST / "preview.png").exists() and not (here / "ball" / "scene.json").exists()
+    assert {entry.name for entry in here.iterdir()} == {"ball.ply"}
+    # A process that was killed leaves its first look.
+    assert main(["ball.ply", "--env", "noon", "--quick", "-o", FIRST]) == 0
     assert main(["ball.ply", "--env", "noon", "--method", "analytic", "--bands", "3"]) == 0
     assert "state" not in report(here / FIRST)
 
@@ -69,6 +71,9 @@ def test_after_an_interrupted_run_the_splat_is_meshed_again(here, monkeypatch):
     [
         (["ball.ply", "--env", "noon", "--quick", "--lamp", "0,1,0"], "--quick: it shows a splat under an environment"),
         (["ball.ply", "--quick", "--env", "captured"], "--quick: it shows a splat under an environment"),
+        (["ball.ply", "--env", "noon", "--quick", "--sheet"], "--sheet: a first look does not heed it"),
+        (["ball.ply", "--env", "noon", "--quick", "--format", "glb"], "a first look has png and splat alone"),
+        (["ball.ply", "--env", "noon", "--quick", "--view"], "--quick: it writes files"),
         (["mesh.obj", "--env", "noon", "--quick"], "is no splat file"),
     ],
 )
