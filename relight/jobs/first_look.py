@@ -72,7 +72,10 @@ def refuse(request: RelightRequest) -> None:
         raise InputError("`formats`: a first look has png and splat alone; leave out `quick`")
 
 
-def discard(folder: Path) -> None:
-    """Remove first looks whose scene could not be meshed."""
-    if folder.is_dir() and first_looks_alone(folder):
-        shutil.rmtree(folder)
+def discard(results: Path, scene: Path) -> None:
+    """Remove the first look in a folder of results, where its scene could not be meshed, and what is empty then."""
+    if is_first_look(results):
+        shutil.rmtree(results)
+    for folder in (scene / RELIT, scene):
+        if folder.is_dir() and not any(folder.iterdir()):
+            folder.rmdir()

@@ -27,7 +27,7 @@ from ..light.daylight import DaylightRequest
 from ..light.environment import Environment
 from ..output.kinds import FILES, SHEET
 from ..request import AnyLight, RelightRequest
-from .earlier_results import check_results, is_results, settings_of
+from .earlier_results import check_results, is_first_look, is_results, settings_of
 from .first_look import RELIT, discard, has_first_look, refuse
 from .job import Job
 from .meshing import existing_folder, is_splat, refuse_meshing, scene_folder
@@ -79,12 +79,12 @@ def relight_files(request: RelightRequest, stages: Stages | None = None) -> Reli
     with recorded_warnings() as messages:
         if request.quick:
             return _first_looks(request, stages)
-        capture = _look_ahead(request, stages)
+        capture, shown = _look_ahead(request, stages)
         try:
             request, notes = meshed_request(request, stages, capture)
         except BaseException:
-            if capture is not None:
-                discard(Path(default_folder(os.fspath(request.scene))))  # type: ignore[arg-type]
+            if shown is not None:
+                discard(shown, Path(default_folder(os.fspath(request.scene))))  # type: ignore[arg-type]
             raise
         ahead.expect()  # an existing mesh skips meshing, which calls this
         return _relit(request, stages, messages, notes)
@@ -115,20 +115,23 @@ def _first_looks(request: RelightRequest, stages: Stages) -> RelitFiles:
     return found
 
 
-def _look_ahead(request: RelightRequest, stages: Stages) -> Capture | None:
-    """Show a splat that has no scene yet in the first of its lights, where that is possible: what was read of it."""
+def _look_ahead(request: RelightRequest, stages: Stages) -> tuple[Capture | None, Path | None]:
+    """Show a splat that has no scene yet in the first of its lights, where that is possible: what was read of it, and
+    the folder of the picture."""
     scene = request.scene
     if not isinstance(scene, (str, os.PathLike)) or not has_first_look(request) or not os.path.exists(scene):
-        return None
+        return None, None
     if not _is_one_splat(scene) or existing_folder(scene, request.meshing) is not None:
-        return None
+        return None, None
     lights = lights_of(request)
     folder = output_folders(replace(request, scene=default_folder(scene)), lights)[0]
     capture = capture_of(scene, request.meshing, stages)
+    if is_results(folder) and not is_first_look(folder):
+        return capture, None  # final results are replaced by final ones
     with contextlib.suppress(InputError):  # a closed room is shown when it is meshed
         _write_looks(request, capture, _with_lights([folder], lights, request), stages, False)
         stages.notify(f"{folder / FILES['png']}: a first look; meshing goes on, and the final picture replaces it")
-    return capture
+    return capture, folder
 
 
 def _write_looks(*arguments: Any) -> list[dict[str, Any]]:

@@ -58,7 +58,7 @@ def _report(request: RelightRequest, light: str, angle: float, look: FirstLook, 
 
 def _write(folder: Path, report: dict[str, Any], look: FirstLook, request: RelightRequest, splat: bool) -> None:
     check_results(folder, request.overwrite)
-    with staged_folder(folder, True, REPORT) as staging:
+    with staged_folder(folder, True, REPORT, keep=True) as staging:
         write_png(staging / FILES["png"], look.picture)
         report["files"].append(FILES["png"])
         if splat:

@@ -59,6 +59,7 @@ def test_after_an_interrupted_run_the_splat_is_meshed_again(here, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr(relight.jobs.meshing, "meshed", killed)
         assert main(["ball.ply", "--env", "noon", "--method", "analytic"]) != 0
+        assert main(["ball.ply", "--env", "noon", "--method", "analytic", "-o", "out"]) != 0
     assert {entry.name for entry in here.iterdir()} == {"ball.ply"}
     # A process that was killed leaves its first look.
     assert main(["ball.ply", "--env", "noon", "--quick", "-o", FIRST]) == 0
@@ -82,3 +83,17 @@ def test_what_has_no_first_look_is_refused(here, capsys, words, message):
     assert main(words) == 2
     assert message in capsys.readouterr().err
     assert {entry.name for entry in here.iterdir()} == {"ball.ply", "mesh.obj"}
+
+
+def test_final_results_give_way_to_no_first_look(here, monkeypatch):
+    assert main(["ball.ply", "--env", "noon", "--method", "analytic", "--bands", "3", "-o", "out"]) == 0
+    (here / "ball").rename(here / "away")
+    (here / "out" / "mine.txt").write_text("kept")
+
+    def watched(*_):
+        assert "state" not in report(here / "out") and (here / "out" / "relit.glb").exists()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(relight.jobs.meshing, "meshed", watched)
+    assert main(["ball.ply", "--env", "overcast", "--overwrite", "-o", "out"]) != 0
+    assert (here / "out" / "mine.txt").exists() and (here / "out" / "relit.glb").exists()
