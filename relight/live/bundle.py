@@ -14,6 +14,7 @@ from .lights import IMAGE, rgbe
 from .movable import FILE as MOVABLE_FILE
 from .objects import FILE as OBJECTS_FILE
 from .objects import MESH
+from .offered import OfferedLight
 from .proxy import write_proxy
 from .response import BANDS, SPREAD_BANDS
 from .shine import FILE as GLOSS_FILE
@@ -61,6 +62,9 @@ def write_bundle(folder: str | os.PathLike[str], live: "Live", exact: bool = Tru
     for file, light in zip(light_files(live), live.lights, strict=True):
         (folder / file).parent.mkdir(exist_ok=True)
         (folder / file).write_bytes(rgbe(light.image).tobytes())
+        names.append(file)
+    for file, offered in zip(offered_files(live), live.offered, strict=True):
+        (folder / file).write_bytes(rgbe(offered.image).tobytes())
         names.append(file)
     write_proxy(folder / "proxy.glb", *live.proxy)
     splats = [
@@ -134,6 +138,7 @@ def described(live: "Live", splats: list[dict[str, Any]]) -> dict[str, Any]:
             | (_beside(light) if live.terms else {})
             for file, light in zip(light_files(live), live.lights, strict=True)
         ],
+        **({"offered": [*map(OfferedLight.described, live.offered, offered_files(live))]} if live.offered else {}),
         "proxy": {"file": "proxy.glb", "vertices": len(live.proxy[0]), "faces": len(live.proxy[1])},
     }
 
@@ -146,6 +151,11 @@ def _beside(light: "PortableLight") -> dict[str, Any]:
 def light_files(live: "Live") -> list[str]:
     """Names of the lights' images."""
     return [f"lights/{number}.rgbe" for number in range(len(live.lights))]
+
+
+def offered_files(live: "Live") -> list[str]:
+    """Names of the images of likely lights of the capture."""
+    return [f"lights/offered{number}.rgbe" for number in range(len(live.offered))]
 
 
 def sha256(path: Path) -> str:

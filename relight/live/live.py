@@ -26,6 +26,7 @@ from .ground import ShadowedGround
 from .harmonics import turned
 from .lights import PortableLight, capture_light, light_of
 from .objects import LiveObjects
+from .offered import OfferedLight
 from .response import BANDS, COEFFICIENTS, LAMPS, SPREAD_BANDS, Response, assumed_response, light_vector, response_of
 from .shine import BundleRows, Shine, shine_of
 from .surface import LIT, SKY, UNLIT, Surfaces, surfaces
@@ -71,7 +72,8 @@ class Live(NamedTuple):
     viewpoint of the sky, splat frame. source: dict of file and sha256. camera: dict of position, target, fov in
     degrees, the first view, scene frame; for an object also bounds, the box of the capture, which the page fits into
     its window. lamps: factor on the lamps of a room, or None. terms: list of Term. gloss: Shine of the glossy splats,
-    or None. objects: inserted objects, or None. ground: under an object, or None.
+    or None. objects: inserted objects, or None. ground: under an object, or None. offered: likely lights of the
+    capture, that a hand may set.
     """
 
     splats: Splats
@@ -93,6 +95,7 @@ class Live(NamedTuple):
     gloss: Shine | None = None
     objects: LiveObjects | None = None
     ground: ShadowedGround | None = None
+    offered: Sequence[OfferedLight] = ()
 
 
 @dataclass(frozen=True, eq=False)

@@ -34,7 +34,7 @@ _WEB = Path(__file__).parent / "web"
 
 _LIBRARY = (
     *("primaries", "light", "piz", "splats", "shadow", "objects", "framing", "gloss", "ground", "exr"),
-    *("indicator", "live"),
+    *("indicator", "live", "hand"),
 )
 """Modules that the page joins into one, each after its imports. Their top-level names must differ."""
 

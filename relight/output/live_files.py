@@ -66,6 +66,7 @@ class LiveFiles:
     def _prepared(self, light: "Environment") -> Any:
         """All but the light that is shown first."""
         from ..live.live import LiveScene, live_of
+        from ..live.offered import offered_lights
         from ..live.terms import sources_of
 
         mixes = self._mix.under(light).kind.adds
@@ -94,7 +95,8 @@ class LiveFiles:
                 self._mirror(),
             )
             found = live_of(shown, lights, settings, self._tolerance, self._sky, self._seed)
-            found = found._replace(ground=self._ground())
+            offered = offered_lights(self._relighter, self._appearance)
+            found = found._replace(ground=self._ground(), offered=offered)
             self._live[mixes] = self._mixed(found, light) if mixes else found
         return self._live[mixes]
 

@@ -1,7 +1,7 @@
 // Live light on Gaussian splats: the bundle of docs/live.md read, lit and written, in plain JavaScript. MIT licence.
 // No page and no engine in here: node runs it too. Directions and light are in the scene frame, y up.
 
-import { BANDS, DIRECT, SPREAD, SPREAD_BANDS, harmonics, linear, lookUp, toneMap, turned } from "./light.js";
+import { BANDS, DIRECT, SPREAD, SPREAD_BANDS, harmonics, linear, lookUp, luminance, toneMap, turned } from "./light.js";
 import { glossOf } from "./gloss.js";
 import { groundOf } from "./ground.js";
 import { objectsOf } from "./objects.js";
@@ -275,10 +275,10 @@ export function albedoChanges(bundle, surface, ratio) {
 }
 
 // What the albedo is multiplied by, red, green and blue, where the captured light was warmer (1: red over blue twice as
-// much) or cooler (-1) than estimated; luminance stays.
-export function balanceOf(tint) {
-  const color = [2 ** (-tint / 2), 1, 2 ** (tint / 2)], luminance = 0.2126 * color[0] + 0.7152 * color[1] + 0.0722 * color[2];
-  return color.map((value) => value / luminance);
+// much) or cooler (-1) than estimated, greener, or brighter by stops; warmth and green leave the luminance.
+export function balanceOf(tint, green = 0, bright = 0) {
+  const color = [2 ** (-tint / 2), 2 ** -green, 2 ** (tint / 2)], level = luminance(...color) * 2 ** bright;
+  return color.map((value) => value / level);
 }
 
 // The changes times a balance, in place.

@@ -15,7 +15,8 @@ async function start() {
     let session = null;
     await host(document.body, opened(files, data), data.meta.frame.scene_from_splat, cameraFor, { renderer: query.get("renderer") ?? "webgpu", ui: !query.has("noui"), proxy }, async (stage, { bundle }) => {
       const lights = await Promise.all(data.meta.lights.map(async (entry) => Live.lightOf(entry, await files[entry.file])));
-      session = new Session(bundle, proxy, lights, stage, data, notify);
+      const likely = data.meta.offered ?? [], offered = Live.offeredOf(likely, await Promise.all(likely.map(({ file }) => files[file])));
+      session = new Session(bundle, proxy, lights, offered, stage, data, notify);
       session.begin(query);
     });
     window.relight = session;
@@ -44,10 +45,12 @@ async function beside(name) {
   return new Uint8Array(await answer.arrayBuffer());
 }
 
+const BY_HAND = ["tint", "green", "bright", "day", "dayAzimuth", "dayHeight", "dayShare"]; // what the address keeps of the captured light
+
 class Session {
-  constructor(bundle, proxy, lights, stage, data, notify) {
-    Object.assign(this, { bundle, proxy, lights, stage, notify, live: Live });
-    this.state = { light: 0, turn: data.turn, exposure: 0, tint: 0, sun: 1, azimuth: 0, height: null, lamps: bundle.meta.lamps ?? 0, view: "relit", sky: true, ground: true, compare: false, line: 0.5 };
+  constructor(bundle, proxy, lights, offered, stage, data, notify) {
+    Object.assign(this, { bundle, proxy, lights, offered, stage, notify, live: Live });
+    this.state = { light: 0, turn: data.turn, exposure: 0, tint: 0, sun: 1, azimuth: 0, height: null, lamps: bundle.meta.lamps ?? 0, view: "relit", day: 0, dayAzimuth: null, dayHeight: null, dayShare: null, green: 0, bright: 0, sky: true, ground: true, compare: false, line: 0.5 };
     this.state.terms = bundle.terms.map(({ color }) => ({ on: true, ev: 0, color: Live.hexOf(color) }));
     this.state.captured = lights[0].captured ?? 0;
     this.usual = Object.fromEntries(Object.entries(this.state).map(([key, value]) => [key, typeof value === "boolean" ? value : rounded(value)]));
@@ -55,6 +58,7 @@ class Session {
     this.shadows = new Map();
     this.compare = comparison(stage.app, stage.canvas, (captured) => this.put(captured));
     this.strip = Live.indicator(element("r-strip"));
+    this.dayStrip = Live.indicator(element("r-daystrip"));
     this.mirrored = null; // what is glossy mirrors, where it does
     this.busy = null;
     this.written = bundle.objects && this.lightText(); // the light at the start
@@ -63,7 +67,7 @@ class Session {
   begin(query) {
     this.query = query.toString();
     this.onCard = !query.has("processor"); // which lights the splats
-    for (const key of ["turn", "exposure", "tint", "sun", "azimuth", "height", "lamps", "line"]) if (query.has(key)) this.state[key] = +query.get(key);
+    for (const key of ["turn", "exposure", "sun", "azimuth", "height", "lamps", "line", ...BY_HAND]) if (query.has(key)) this.state[key] = +query.get(key);
     for (const key of ["sky", "ground", "compare"]) if (query.has(key)) this.state[key] = query.get(key) !== "0";
     if (query.has("view")) this.state.view = query.get("view");
     if (query.has("light")) this.state.light = Math.max(0, this.lights.findIndex(({ name }) => name === query.get("light")));
@@ -82,8 +86,9 @@ class Session {
 
   // Change some of the state and show it.
   set(changes) {
-    const before = this.state.light;
+    const { light: before, day } = this.state;
     Object.assign(this.state, changes);
+    if (this.state.day !== day) Object.assign(this.state, { dayAzimuth: null, dayHeight: null, dayShare: null }, changes);
     this.state.turn = (this.state.turn % 360 + 360) % 360;
     if (this.state.light !== before && !("height" in changes)) Object.assign(this.state, { azimuth: 0, height: null, sun: 1, ...("captured" in changes ? {} : { captured: this.lights[this.state.light].captured ?? 0 }) });
     refreshPanel(this);
@@ -144,16 +149,16 @@ class Session {
 
   // What the light depends on, but for the exposure.
   lightText() {
-    const { light, turn, tint, sun, azimuth, height, lamps, terms, captured } = this.state;
-    return JSON.stringify({ light, turn: (turn % 360 + 360) % 360, tint, sun, azimuth, height, lamps, terms, captured });
+    const { light, turn, sun, azimuth, height, lamps, terms, captured } = this.state, byHand = BY_HAND.map((key) => this.state[key]);
+    return JSON.stringify({ light, turn: (turn % 360 + 360) % 360, sun, azimuth, height, lamps, terms, captured, byHand });
   }
 
   draw() {
     const { bundle, stage, state } = this, light = this.lights[state.light], turn = state.turn * RADIANS, began = performance.now();
-    const exposure = light.exposure * 2 ** state.exposure, lamps = this.lamps(light) * 2 ** state.exposure, balance = Live.balanceOf(state.tint), factors = this.factors(light, balance);
+    const exposure = light.exposure * 2 ** state.exposure, lamps = this.lamps(light) * 2 ** state.exposure, balance = Live.balanceOf(state.tint, state.green, state.bright), factors = this.factors(light, balance);
     this.asked = { view: state.view, light, turn, exposure, lamps, balance, factors, suns: this.suns(), table: this.table(light, turn, exposure, lamps) };
     this.counted = null;
-    this.shown = this.onCard && !this.objects() ? this.asked : this.gains;
+    this.shown = this.onCard && !this.objects() && !this.hand() ? this.asked : this.gains;
     this.mirrored = bundle.gloss && state.view === "relit" ? this.mirror(light, turn, exposure, lamps, factors, balance) : null;
     this.most = state.view === "relit" ? Live.usualGain(bundle, light, turn, exposure, lamps, factors, balance) : [1, 1, 1];
     if (this.standing()) this.putGround(light, turn, exposure);
@@ -199,24 +204,53 @@ class Session {
   count() {
     const { bundle, asked: { view, light, turn, exposure, balance, factors, suns, table } } = this;
     if (this.counted) return this.counted;
-    const { ratio, base, gains } = this.arrays ??= { ratio: new Float32Array(bundle.count * 3), base: new Float32Array(bundle.count * 3), gains: new Uint16Array(bundle.count * 4) };
+    const given = view === "captured" ? null : this.given(), { ratio, base, gains } = this.arrays ??= { ratio: new Float32Array(bundle.count * 3), base: new Float32Array(bundle.count * 3), gains: new Uint16Array(bundle.count * 4) };
     if (view === "captured") gains.set(Live.plainGains(bundle.count));
     else {
       if (view === "albedo") {
         Live.albedoChanges(bundle, this.surface, ratio);
         Live.balanced(ratio, balance);
+        if (given) Live.divided(ratio, given);
       } else {
         if (this.based !== table) Live.changes(bundle, this.based = table, base);
         ratio.set(base);
         Live.addSuns(bundle, this.surface, suns, suns.map(({ direction }) => this.shadow(direction)), exposure, ratio);
         Live.balanced(ratio, balance);
-        Live.addTerms(bundle, factors, ratio);
+        const own = (captured) => factors.map((factor, i) => (bundle.terms[i].kind === "captured") === captured ? factor : [0, 0, 0]);
+        Live.addTerms(bundle, given ? own(false) : factors, ratio);
+        if (given) {
+          Live.divided(ratio, given); // all but the captured light shines on an albedo
+          Live.addTerms(bundle, own(true), ratio);
+        }
       }
       Live.gains(bundle, ratio, gains);
       if (this.objects()) this.putObjects(gains);
       if (view === "relit") Live.showSky(bundle, light, turn, exposure, gains, factors[0]);
     }
     return this.counted = { ratio, gains };
+  }
+
+  // The captured light as a hand set it, {azimuth, height, share}, or null where it is as estimated.
+  hand() {
+    const { day, dayAzimuth, dayHeight, dayShare } = this.state, offered = this.offered[day - 1];
+    return offered ? { azimuth: dayAzimuth ?? offered.azimuth_deg, height: dayHeight ?? offered.height_deg, share: dayShare ?? offered.sun_share } : null;
+  }
+
+  // What splats received of that light over what the estimate gave them, (N, 3), or null.
+  given() {
+    const hand = this.hand(), text = JSON.stringify([this.state.day, hand]);
+    if (hand && text !== this.givenText) {
+      this.received = Live.received(this.bundle, this.surface, Live.lightByHand(this.offered[this.state.day - 1], hand), (direction) => this.shadow(direction));
+      this.givenText = text;
+    }
+    return hand && this.received;
+  }
+
+  // The captured light as files for --captured-light: {name: bytes}.
+  handFiles() {
+    const { state } = this, offered = this.offered[state.day - 1], factors = Live.balanceOf(state.tint, state.green, state.bright).map((value) => 1 / value), name = "captured_light.hdr";
+    const chosen = Live.chosenLight(offered, this.hand(), factors, name);
+    return { [name]: Live.writeHdr(Live.imageByHand(offered, this.hand(), factors)), "captured_light.json": new TextEncoder().encode(JSON.stringify(chosen, null, 1)) };
   }
 
   // What suns need of every splat, where the processor lights them.
@@ -277,7 +311,7 @@ class Session {
   remember() {
     const { state, lights } = this, kept = new URLSearchParams(this.query), put = (key, value, usual) => value === usual ? kept.delete(key) : kept.set(key, value);
     if (state.light < this.bundle.meta.lights.length) put("light", lights[state.light].name, lights[0].name); // a dropped one cannot be named
-    for (const key of ["turn", "exposure", "tint", "sun", "azimuth", "height", "lamps", "view", "captured"]) put(key, rounded(state[key]), key === "captured" ? rounded(lights[state.light].captured ?? 0) : this.usual[key]);
+    for (const key of ["turn", "exposure", "sun", "azimuth", "height", "lamps", "view", "captured", ...BY_HAND]) put(key, rounded(state[key]), key === "captured" ? rounded(lights[state.light].captured ?? 0) : this.usual[key]);
     for (const key of ["sky", "ground", "compare"]) put(key, state[key] ? "1" : "0", this.usual[key] ? "1" : "0");
     state.terms.forEach(({ on, ev }, index) => put(`lamp${index}`, on ? String(ev) : "off", "0"));
     const text = kept.toString();

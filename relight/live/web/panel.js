@@ -9,8 +9,18 @@ const PANEL = `
 <label>Sun <input id="r-sun" type="range" min="0" max="3" step="0.05"><output></output></label>
 <label>Sun from <input id="r-azimuth" type="range" min="-180" max="180" step="1"><output></output></label>
 <label>Sun height <input id="r-height" type="range" min="2" max="90" step="1"><output></output></label>
-<label>Captured <input id="r-tint" type="range" min="-1" max="1" step="0.02" title="Whether the captured light was cooler or warmer than estimated"><output></output></label>
 <label>Lamps <input id="r-lamps" type="range" min="0" max="2" step="0.05"><output></output></label>
+<details id="r-day"><summary>Captured light</summary>
+<label>Light <select id="r-offered"></select></label>
+<canvas id="r-daystrip" width="208" height="104" title="The captured light. Drag its sun: captured shadows vanish from the albedo where it is right."></canvas>
+<label>Sun from <input id="r-dayAzimuth" type="range" min="0" max="360" step="1"><output></output></label>
+<label>Sun height <input id="r-dayHeight" type="range" min="1" max="90" step="1"><output></output></label>
+<label>Sun share <input id="r-dayShare" type="range" min="0" max="0.95" step="0.01" title="Of the light on what faces the sun"><output></output></label>
+<label>Brightness <input id="r-bright" type="range" min="-3" max="3" step="0.05"><output></output></label>
+<label>Warmth <input id="r-tint" type="range" min="-2" max="2" step="0.02"><output></output></label>
+<label>Green <input id="r-green" type="range" min="-1" max="1" step="0.01"><output></output></label>
+<div class="row"><button id="r-keep" title="Two files for --captured-light captured_light.json">Save captured light</button></div>
+</details>
 <div id="r-terms"></div>
 <small id="r-objects" hidden>Objects show in the light that they were inserted in.</small>
 <small id="r-move" hidden>Drag an object to move it, with shift up and down; 7 and 8 turn it, a double click puts it back. Its shadow is then approximate.</small>
@@ -21,7 +31,7 @@ const PANEL = `
 <small class="touch">Drag to look around, pinch to come nearer. Turn moves the light.</small>
 </details><input id="r-file" type="file" accept=".hdr,.exr" hidden>`;
 
-const RADIANS = Math.PI / 180;
+const RADIANS = Math.PI / 180, DAY_LEVEL = 0.35; // mean luminance at which the map of the captured light is shown
 const element = (id) => document.getElementById(id);
 const rounded = (value) => typeof value === "number" ? String(+value.toFixed(3)) : value; // as the address has it
 
@@ -57,12 +67,13 @@ function refreshPanel(session) {
   for (const key of ["sun", "azimuth", "height"]) element(`r-${key}`).parentElement.style.display = lights[state.light].suns.length ? "" : "none";
   const { direction: [x, y, z] } = lights[state.light].suns[0] ?? { direction: [0.5, 0.7, 0.5] };
   const height = state.height ?? Math.asin(y / Math.hypot(x, y, z)) / RADIANS;
-  const shown = { turn: [state.turn, `${Math.round(state.turn)}\u00b0`], exposure: [state.exposure, state.exposure.toFixed(1)], tint: [state.tint, state.tint ? (state.tint > 0 ? "warmer" : "cooler") : "as is"], sun: [state.sun, `x ${state.sun.toFixed(2)}`],
+  const shown = { turn: [state.turn, `${Math.round(state.turn)}\u00b0`], exposure: [state.exposure, state.exposure.toFixed(1)], sun: [state.sun, `x ${state.sun.toFixed(2)}`],
     azimuth: [state.azimuth, `${Math.round(state.azimuth)}\u00b0`], height: [height, `${Math.round(height)}\u00b0`], lamps: [state.lamps, `x ${state.lamps.toFixed(2)}`] };
   for (const [key, [value, text]] of Object.entries(shown)) {
     element(`r-${key}`).value = value;
     element(`r-${key}`).nextElementSibling.textContent = text;
   }
+  refreshDay(session);
   document.querySelectorAll("#r-terms .term").forEach((row, index) => {
     const { on, ev, color } = state.terms[index], own = session.bundle.terms[index].kind === "captured", [switched, picker] = row.querySelectorAll("label input");
     switched.checked = on;
@@ -72,7 +83,7 @@ function refreshPanel(session) {
     row.classList.toggle("off", !on);
   });
   const captured = lights[state.light].sky === "captured"; // which cannot be turned, and whose lamps are part of it
-  element("r-tint").parentElement.style.display = captured || session.bundle.meta.lamps !== null ? "none" : ""; // a room's light has several colours
+  element("r-day").style.display = captured || session.bundle.meta.lamps !== null ? "none" : ""; // a room's light has several colours
   element("r-lamps").parentElement.style.display = captured || session.bundle.meta.lamps === null ? "none" : "";
   for (const key of ["turn", "sky", "strip"]) element(`r-${key}`).closest("label, button, canvas").style.display = captured ? "none" : "";
   for (const button of document.querySelectorAll("#relight [data-view]")) button.setAttribute("aria-pressed", button.dataset.view === state.view);
@@ -84,21 +95,61 @@ function refreshPanel(session) {
   element("r-ground").setAttribute("aria-pressed", state.ground);
 }
 
+// Show how the captured light is set; without likely lights only its brightness and colour are.
+function refreshDay(session) {
+  const { state, offered } = session, hand = session.hand(), select = element("r-offered");
+  if (!select.options.length) select.replaceChildren(new Option("as estimated", 0), ...offered.map(({ name, share }, i) => new Option(`${name}, ${Math.round(100 * share)}%`, i + 1)));
+  select.value = state.day;
+  select.parentElement.style.display = offered.length ? "" : "none";
+  for (const key of ["dayAzimuth", "dayHeight", "dayShare"]) element(`r-${key}`).parentElement.style.display = hand ? "" : "none";
+  element("r-daystrip").style.display = element("r-keep").style.display = hand ? "" : "none";
+  const stops = (value) => `${value < 0 ? "\u2212" : "+"}${Math.abs(value).toFixed(1)}`;
+  const values = { bright: [state.bright, stops(state.bright)], tint: [state.tint, stops(state.tint)], green: [state.green, stops(state.green)] };
+  if (hand) Object.assign(values, { dayAzimuth: [hand.azimuth, `${Math.round(hand.azimuth)}\u00b0`], dayHeight: [hand.height, `${Math.round(hand.height)}\u00b0`], dayShare: [hand.share, hand.share.toFixed(2)] });
+  for (const [key, [value, text]] of Object.entries(values)) {
+    element(`r-${key}`).value = value;
+    element(`r-${key}`).nextElementSibling.textContent = text;
+  }
+  if (!hand) return;
+  const image = Live.imageByHand(offered[state.day - 1], hand), mean = Live.meanLuminance(image);
+  session.dayStrip.draw({ image }, 0, DAY_LEVEL / Math.max(mean, 1e-9), hand.share > 0 ? [{ direction: Live.towardSun(hand.azimuth, hand.height) }] : []);
+}
+
+// Let the map and the sliders of the captured light change the session.
+function listenDay(session) {
+  const strip = element("r-daystrip");
+  for (const key of ["dayAzimuth", "dayHeight", "dayShare", "bright", "tint", "green"]) element(`r-${key}`).oninput = ({ target }) => session.set({ [key]: +target.value });
+  element("r-offered").onchange = ({ target }) => session.set({ day: +target.value });
+  strip.onpointerdown = (event) => {
+    strip.setPointerCapture(event.pointerId);
+    strip.onpointermove(event);
+  };
+  strip.onpointermove = ({ buttons, offsetX, offsetY }) => {
+    if (!buttons) return;
+    const longitude = Math.PI * (1 - 2 * offsetX / strip.clientWidth), azimuth = Math.atan2(Math.sin(longitude), -Math.cos(longitude)) / RADIANS;
+    session.set({ dayAzimuth: (azimuth + 360) % 360, dayHeight: Math.min(Math.max(90 - 180 * offsetY / strip.clientHeight, 1), 90), dayShare: Math.max(session.hand().share, 0.05) });
+  };
+  element("r-keep").onclick = () => Object.entries(session.handFiles()).forEach(([name, bytes]) => save(name, bytes));
+}
+
+function save(name, bytes) {
+  const link = Object.assign(document.createElement("a"), { href: URL.createObjectURL(new Blob([bytes])), download: name });
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 10000);
+}
+
 // Let the controls, keys, drags and dropped files change the session.
 function listen(session) {
   const { state, stage } = session;
-  for (const key of ["turn", "exposure", "tint", "sun", "azimuth", "height", "lamps"]) element(`r-${key}`).oninput = ({ target }) => session.set({ [key]: +target.value });
+  for (const key of ["turn", "exposure", "sun", "azimuth", "height", "lamps"]) element(`r-${key}`).oninput = ({ target }) => session.set({ [key]: +target.value });
   element("r-light").onchange = ({ target }) => session.set({ light: +target.value });
   for (const button of document.querySelectorAll("#relight [data-view]")) button.onclick = () => session.set({ view: button.dataset.view });
   element("r-compare").onclick = () => session.set({ compare: !state.compare });
   element("r-sky").onclick = () => session.set({ sky: !state.sky });
   element("r-ground").onclick = () => session.set({ ground: !state.ground });
   element("r-load").onclick = () => element("r-file").click();
-  element("r-save").onclick = () => {
-    const link = Object.assign(document.createElement("a"), { href: URL.createObjectURL(new Blob([session.relitPly()])), download: "relit_splat.ply" });
-    link.click();
-    setTimeout(() => URL.revokeObjectURL(link.href), 10000);
-  };
+  element("r-save").onclick = () => save("relit_splat.ply", session.relitPly());
+  listenDay(session);
   const take = async (file) => {
     try {
       await session.addLight(file.name.replace(/\.(hdr|exr)$/i, ""), new Uint8Array(await file.arrayBuffer()));
