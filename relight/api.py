@@ -38,6 +38,8 @@ from .light.environment import Environment
 from .light.loading import light_of
 from .light.tonemap import tone_map
 from .options import LightingOptions
+from .output.lamps_picture import lamps_picture
+from .output.north_picture import north_picture
 from .planning.plan import Plan
 from .request import AUTO, AnyLight, RelightRequest
 from .splats import write_relit_ply
@@ -87,12 +89,10 @@ class RelitScene:
     def to_pyvista(self) -> "pyvista.PolyData":
         """The mesh for PyVista, with "radiance" (V, 3) linear and "rgb" (V, 3) uint8 at its points, and its normals.
 
-        `relit.to_pyvista().plot(scalars="rgb", rgb=True, lighting=False)` shows it. Raises InputError without PyVista.
+        `relit.to_pyvista().plot(scalars="rgb", rgb=True, lighting=False)` shows it.
         """
-        try:
-            import pyvista
-        except ImportError:
-            raise InputError("it needs PyVista: pip install pyvista") from None
+        import pyvista  # which takes a second
+
         drawn = Drawn(self.scene)
         shown = drawn.scene
         faces = np.empty((len(shown.faces), 4), np.int64)
@@ -211,7 +211,7 @@ def relight_splat(
     scene = _meshed(splat, wanted, stages)
     fixed: dict[str, Any] = {"angles_deg": (angle_deg,), "formats": ("glb", "png", "splat"), "splat": source}
     job = Job(RelightRequest.of(scene, env, options, **{**changes, **fixed}), stages)
-    found = job.splats
+    found = job.inputs.splats
     writer = Writer(job)
     relit = _relit(writer)
     return RelitSplat(writer.relit_splats(relit._shaded), relit, relit.report, found[1] if found else [])
@@ -257,36 +257,37 @@ def plan_relight(request: RelightRequest, stages: Stages | None = None) -> Relig
     Lamps need the light of the capture, which is then estimated. Raises InputError for what cannot be planned: a method
     without settings to choose, a room that no environment changes.
     """
-    planned = planned_request(request)
-    if planned is None:
+    found = planned_request(request)
+    if found is None:
         note = f"{request.scene} is meshed first: splat2mesh {request.scene} --plan shows how. "
         return RelightPlan(None, note + "Light is planned once that is done.")
-    job = Job(planned.under(first_light(planned)), stages)
+    planned, at_hand = found
+    job = Job(planned.under(first_light(planned)), stages, at_hand)
     lamps, bounces, count, picture = None, None, 0, None
-    if job.asked_lamps and job.mix.lamp_light is not None:
-        lamps, bounces, count = job.mix.lamp_light.plan, job.mix.lamp_light.bounce_plan, len(job.asked_lamps)
-    if job.from_inside and job.room is not None and job.room.lamps_found:
-        from .output.lamps_picture import lamps_picture
-
-        picture = lamps_picture(job.scene, job.lamps_found)
-    inserts = job.insert_plan
+    if job.inputs.asked_lamps and job.mix.lamp_light is not None:
+        lamps, bounces, count = job.mix.lamp_light.plan, job.mix.lamp_light.bounce_plan, len(job.inputs.asked_lamps)
+    if job.inputs.from_inside and job.room is not None and job.room.lamps_found:
+        picture = lamps_picture(job.known.scene, job.known.lamps_found)
+    inserts = job.known.insert_plan
     if job.light_kind is LightKind.CAPTURED:
         note = "" if lamps or inserts else "the captured light needs no rays, and there is nothing to plan"
-        mirrored = job.mirrored_floor
+        mirrored = job.known.mirrored_floor
         return RelightPlan(None, note, lamps, count, picture, None, inserts, None, bounces, mirrored)
     pointing = None
     if isinstance(request.env, DaylightRequest):
-        from .output.north_picture import north_picture
-
         turned = request.env.north_deg + request.angles_deg[0]  # which turns the whole light
-        pointing = north_picture(job.scene, job.scene.colors_linear, turned)
+        pointing = north_picture(job.known.scene, job.known.scene.colors_linear, turned)
     plan, note = job.planned()
-    if plan is None and job.appearance.as_captured and lamps is None and inserts is None:
+    if plan is None and job.known.appearance.as_captured and lamps is None and inserts is None:
         raise InputError("what an environment changes in this room is assumed, so there is nothing to plan")
     if plan is None and lamps is None and inserts is None:
-        raise InputError(f"`method` {job.options.method} has nothing to plan; leave it at auto")
-    gloss = None if note or job.gloss is None or not job.gloss.known else job.gloss.plan(job.appearance)
-    return RelightPlan(plan, note, lamps, count, picture, gloss, inserts, pointing, bounces, job.mirrored_floor)
+        raise InputError(f"`method` {job.inputs.options.method} has nothing to plan; leave it at auto")
+    gloss = (
+        None
+        if note or job.known.gloss is None or not job.known.gloss.known
+        else job.known.gloss.plan(job.known.appearance)
+    )
+    return RelightPlan(plan, note, lamps, count, picture, gloss, inserts, pointing, bounces, job.known.mirrored_floor)
 
 
 def view_request(
@@ -329,14 +330,14 @@ def _relit(writer: Writer) -> RelitScene:
     shaded = next(writer.job.shaded())
     light, shading, exposure = shaded[:3]
     report = report_of(writer.job, shaded)
-    return RelitScene(writer.job.scene, shading.radiance, exposure, light, report, writer, shaded)
+    return RelitScene(writer.job.known.scene, shading.radiance, exposure, light, report, writer, shaded)
 
 
 def _session(request: RelightRequest, stages: Stages) -> "SessionRequest":
     if len(request.angles_deg) > 1:
         raise InputError("`angles_deg`: a session has one angle")
-    request, _ = meshed_request(request, stages)
-    session = session_of(Job(request.under(first_light(request)), stages))
+    request, at_hand, _ = meshed_request(request, stages)
+    session = session_of(Job(request.under(first_light(request)), stages, at_hand))
     stages.close()
     return session
 

@@ -311,12 +311,12 @@ def _lamps(job: "Job") -> list[str]:
 def _frontal(job: "Job") -> list[str]:
     """The line of the summary on a light whose shadows fall behind what the preview shows."""
     asked = job.request
-    if "png" not in job.formats or job.room or job.light_kind.adds or not isinstance(asked.env, str):
+    if "png" not in job.inputs.formats or job.room or job.light_kind.adds or not isinstance(asked.env, str):
         return []
     from .output.frontal import side_angle
     from .output.preview import default_camera
 
-    angle = side_angle(job.lights[0], job.scene.preview_camera or default_camera(job.scene))
+    angle = side_angle(job.lights[0], job.known.scene.preview_camera or default_camera(job.known.scene))
     if angle is None:
         return []
     return [f"  the light stands behind the viewer of the preview: --rotate {angle:g} brings it to the side"]
@@ -328,9 +328,9 @@ def _costs(job: "Job") -> list[str]:
     if budget_s is not None:
         beyond = sum(seconds for stage, seconds in job.stages.seconds.items() if stage not in LIGHT_STAGES)
         lines.append(f"  --budget {budget_s:g} covers the light; everything else took {beyond:.1f} s")
-    megabytes = round(job.relighter.cache.size_bytes / 2**20)
+    megabytes = round(job.known.relighter.cache.size_bytes / 2**20)
     if megabytes:
-        lines.append(f"  {job.relighter.cache.folder} keeps {megabytes} MB for the next light (--clear-cache)")
+        lines.append(f"  {job.known.relighter.cache.folder} keeps {megabytes} MB for the next light (--clear-cache)")
     return lines
 
 

@@ -2,10 +2,11 @@
 
 import math
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
+from splat2mesh.base.choices import check_choice, check_seed
 from splat2mesh.base.errors import InputError
 
 from .light import ANEW, CAPTURED_SKIES, SUN_TOLERANCE
@@ -30,10 +31,8 @@ PLACE_TOLERANCE = 0.03
 """The same for a place: among leaves and grass the last percents cost ten times the rays, and what is known of the
 capture's light is worse than this. A garden of 367,000 vertices: 22 s planned for .03, 140 s for .01."""
 
-
 MOST_LAMPS = 1000.0
 """Largest factor on the light of the capture, of its lamps, of an environment: ten stops."""
-
 
 LampKey: TypeAlias = int | tuple[float, float, float]
 """Which captured lamp: its number, from 1, or a place on it in the frame of the splat."""
@@ -85,40 +84,13 @@ class LightingOptions:
     captured_light: Any = None
 
     def __post_init__(self) -> None:
-        if self.method not in METHODS:
-            raise InputError(f"`method` {self.method!r}: expected one of {', '.join(METHODS)}")
-        if self.seed != int(self.seed) or not 0 <= self.seed < 2**64:
-            raise InputError(f"`seed` must be a whole number from 0 to 2^64 - 1, found {self.seed}")
-        kept: dict[str, Any] = {"seed": int(self.seed), "effects": _checked_effects(self.effects, self.method)}
-        if self.bands is not None:
-            from .sh.harmonics import check_bands
-
-            kept["bands"] = check_bands(self.bands)
-        if self.rays is not None:
-            kept["rays"] = check_rays(self.rays)
-        for name in ("tolerance", "budget_s"):
-            value = getattr(self, name)
-            if value is not None and not 0.0 < value < math.inf:
-                raise InputError(f"`{name}` must be a number above 0, found {value}")
-        if self.tolerance is not None and self.budget_s is not None:
-            raise InputError("`tolerance` and `budget_s`: expected one of them")
-        kept["lamps"] = _checked_lamps(self.lamps)
-        kept["placed"] = (self.placed,) if isinstance(self.placed, (str, os.PathLike)) else tuple(self.placed)
-        for name in ("captured", "env_scale"):
+        for name, checked in _CHECKED.items():
             value = getattr(self, name)
             if value is not None:
-                kept[name] = _checked_factor(name, value)
-        if self.opened not in (None, "ceiling"):
-            raise InputError(f"`opened` {self.opened!r}: expected ceiling")
-        if self.captured_sun is not None:
-            from .light.captured_sun import captured_sun
-
-            kept["captured_sun"] = captured_sun(self.captured_sun)
-        if isinstance(self.captured_sky, str) and self.captured_sky.lower() in CAPTURED_SKIES:
-            kept["captured_sky"] = self.captured_sky.lower()
-        kept["captured_light"] = _checked_light(self.captured_light)
-        for name, value in kept.items():
-            object.__setattr__(self, name, value)
+                object.__setattr__(self, name, checked(name, value))
+        object.__setattr__(self, "effects", _checked_effects(self.effects, self.method))
+        if self.tolerance is not None and self.budget_s is not None:
+            raise InputError("`tolerance` and `budget_s`: expected one of them")
 
     @classmethod
     def of(cls, options: "LightingOptions | str | None" = None, **changes: Any) -> "LightingOptions":
@@ -230,7 +202,37 @@ def _able(method: str) -> frozenset[str]:
     return frozenset(EFFECTS if method in ("auto", *SHADOWING) else ())
 
 
-def _checked_lamps(choice: Any) -> str | float | tuple[tuple[LampKey, float], ...]:
+def _one_of(*choices: str) -> Callable[[str, Any], Any]:
+    def checked(name: str, value: Any) -> Any:
+        check_choice(name, value, choices)
+        return value
+
+    return checked
+
+
+def _checked_bands(_: str, bands: int) -> int:
+    from .sh.harmonics import check_bands
+
+    return check_bands(bands)
+
+
+def _above_zero(name: str, value: float) -> float:
+    if not 0.0 < value < math.inf:
+        raise InputError(f"`{name}` must be a number above 0, found {value}")
+    return value
+
+
+def _checked_sun(_: str, sun: Any) -> Any:
+    from .light.captured_sun import captured_sun
+
+    return captured_sun(sun)
+
+
+def _checked_sky(_: str, sky: Any) -> Any:
+    return sky.lower() if isinstance(sky, str) and sky.lower() in CAPTURED_SKIES else sky
+
+
+def _checked_lamps(_: str, choice: Any) -> str | float | tuple[tuple[LampKey, float], ...]:
     """ "keep"; a factor, 0.0 for "off"; or pairs of a lamp's number or place and its factor, by number."""
     if isinstance(choice, str) and "=" in choice:
         choice = _words_of_lamps(choice)
@@ -295,7 +297,7 @@ def _checked_factor(name: str, value: Any) -> float:
     return factor
 
 
-def _checked_light(choice: Any) -> Any:
+def _checked_light(_: str, choice: Any) -> Any:
     """A captured light: None, "auto", the number of a candidate, a path or an Environment. Raises InputError."""
     if isinstance(choice, str) and (choice.strip().lstrip("+-").isdecimal() or choice.lower() == ANEW):
         choice = ANEW if choice.lower() == ANEW else int(choice)
@@ -320,3 +322,22 @@ def _checked_effects(choice: str | Iterable[str], method: str) -> str | frozense
     if method in SHADOWING and not effects - {GLOSS}:
         raise InputError(f"`effects` none: the method {method} has shadows at least; use analytic, or leave it at auto")
     return effects
+
+
+_CHECKED: dict[str, Callable[[str, Any], Any]] = {
+    "method": _one_of(*METHODS),
+    "seed": lambda _, seed: check_seed(seed),
+    "bands": _checked_bands,
+    "rays": lambda _, rays: check_rays(rays),
+    "tolerance": _above_zero,
+    "budget_s": _above_zero,
+    "lamps": _checked_lamps,
+    "placed": lambda _, placed: (placed,) if isinstance(placed, (str, os.PathLike)) else tuple(placed),
+    "captured": _checked_factor,
+    "env_scale": _checked_factor,
+    "opened": _one_of("ceiling"),
+    "captured_sun": _checked_sun,
+    "captured_sky": _checked_sky,
+    "captured_light": _checked_light,
+}
+"""What a given value of each field becomes, by the name of the field and the value, or raises InputError."""

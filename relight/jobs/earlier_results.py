@@ -20,6 +20,8 @@ from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.base.outputs import check_output
 from splat2mesh.base.strictjson import text_of
 from splat2mesh.base.version import VERSION
+from splat2mesh.scene.folder import sha256_of
+from splat2mesh.scene.foreign import as_scene
 
 from ..insert.asked import asked_inserts, described
 from ..lamps.placing import asked_lamps, in_brief
@@ -238,8 +240,6 @@ def _described_scene(scene: Any) -> Any:
         if meta.is_file():
             return {"sha256": _read(meta).get("sha256") or _file_digest(meta)}
         return {"sha256": _file_digest(path)} if path.is_file() else {}
-    from splat2mesh.scene.foreign import as_scene
-
     scene = as_scene(scene)
     return {"sha256": _digest(np.asarray(getattr(scene, name)) for name in _ARRAYS)}
 
@@ -251,8 +251,6 @@ def _file_digest(path: Path) -> str:
 
 @lru_cache(maxsize=64)  # of every angle the same
 def _digest_of_state(path: Path, size: int, time_ns: int) -> str:
-    from splat2mesh.scene.folder import sha256_of
-
     return sha256_of(path)
 
 

@@ -23,6 +23,7 @@ from splat2mesh.base.progress import Stages
 from splat2mesh.capture import Capture, capture_of
 from splat2mesh.layout import is_layout
 
+from ..animation.film import FILM, encode
 from ..light.daylight import DaylightRequest
 from ..light.environment import Environment
 from ..output.kinds import FILES, SHEET
@@ -30,7 +31,8 @@ from ..request import AnyLight, RelightRequest
 from .earlier_results import check_results, is_first_look, is_results, settings_of
 from .first_look import RELIT, discard, has_first_look, refuse
 from .job import Job
-from .meshing import existing_folder, is_splat, refuse_meshing, scene_folder
+from .look_writer import write_first_looks
+from .meshing import SceneAtHand, existing_scene, is_splat, refuse_meshing, scene_at_hand
 from .writer import Writer
 
 CITY = "city.json"
@@ -81,13 +83,14 @@ def relight_files(request: RelightRequest, stages: Stages | None = None) -> Reli
             return _first_looks(request, stages)
         capture, shown = _look_ahead(request, stages)
         try:
-            request, notes = meshed_request(request, stages, capture)
+            request, at_hand, notes = meshed_request(request, stages, capture)
         except BaseException:
             if shown is not None:
                 discard(shown, Path(default_folder(os.fspath(request.scene))))  # type: ignore[arg-type]
             raise
         ahead.expect()  # an existing mesh skips meshing, which calls this
-        return _relit(request, stages, messages, notes)
+        del capture
+        return _relit(request, at_hand, stages, messages, notes)
 
 
 def is_city(request: RelightRequest) -> bool:
@@ -121,7 +124,7 @@ def _look_ahead(request: RelightRequest, stages: Stages) -> tuple[Capture | None
     scene = request.scene
     if not isinstance(scene, (str, os.PathLike)) or not has_first_look(request) or not os.path.exists(scene):
         return None, None
-    if not _is_one_splat(scene) or existing_folder(scene, request.meshing) is not None:
+    if not _is_one_splat(scene) or existing_scene(scene, request.meshing) is not None:
         return None, None
     lights = lights_of(request)
     folder = output_folders(replace(request, scene=default_folder(scene)), lights)[0]
@@ -136,8 +139,6 @@ def _look_ahead(request: RelightRequest, stages: Stages) -> tuple[Capture | None
 
 def _write_looks(*arguments: Any) -> list[dict[str, Any]]:
     """`look_writer.write_first_looks`, which a mesh does not need."""
-    from .look_writer import write_first_looks
-
     return write_first_looks(*arguments)
 
 
@@ -154,31 +155,35 @@ def _is_one_splat(path: str | os.PathLike[str]) -> bool:
 
 def meshed_request(
     request: RelightRequest, stages: Stages, capture: Capture | None = None
-) -> tuple[RelightRequest, list[str]]:
-    """Turn a request for a splat into one for its scene folder, made if missing. Also returns summary lines.
+) -> tuple[RelightRequest, SceneAtHand | None, list[str]]:
+    """Turn a request for a splat into one for its scene folder, made if missing, with that scene and summary lines.
 
     capture: of the splat, where it was read before."""
-    scene = request.scene
-    if isinstance(scene, (str, os.PathLike)):
-        _check_there(scene)
-        if is_splat(scene):
-            folder, notes = scene_folder(scene, request.meshing, stages, capture)
-            return replace(request, scene=folder), notes
-    refuse_meshing(scene, request.meshing)
-    return request, []
+    if _names_splat(request):
+        at_hand, notes = scene_at_hand(request.scene, request.meshing, stages, capture)  # type: ignore[arg-type]
+        return replace(request, scene=at_hand.folder), at_hand, notes
+    refuse_meshing(request.scene, request.meshing)
+    return request, None, []
 
 
-def planned_request(request: RelightRequest) -> RelightRequest | None:
-    """Return the request to plan, without writing; None for a splat that is not meshed yet."""
-    scene = request.scene
+def planned_request(request: RelightRequest) -> tuple[RelightRequest, SceneAtHand | None] | None:
+    """Return the request to plan, without writing, and its scene; None for a splat that is not meshed yet."""
     request = replace(request, caching="read")
-    if isinstance(scene, (str, os.PathLike)):
-        _check_there(scene)
-        if is_splat(scene):
-            folder = existing_folder(scene, request.meshing)
-            return None if folder is None else replace(request, scene=folder)
-    refuse_meshing(scene, request.meshing)
-    return request
+    if _names_splat(request):
+        at_hand = existing_scene(request.scene, request.meshing)  # type: ignore[arg-type]
+        return None if at_hand is None else (replace(request, scene=at_hand.folder), at_hand)
+    refuse_meshing(request.scene, request.meshing)
+    return request, None
+
+
+def _names_splat(request: RelightRequest) -> bool:
+    """Whether the scene of a request is the path of a splat. Raises InputError for a path that does not exist."""
+    scene = request.scene
+    if not isinstance(scene, (str, os.PathLike)):
+        return False
+    if not os.path.exists(scene):
+        raise InputError(f"{scene}: no such scene folder, splat or mesh file")
+    return is_splat(scene)
 
 
 def lights_of(request: RelightRequest) -> list[AnyLight]:
@@ -227,15 +232,17 @@ def output_folders(request: RelightRequest, lights: list[AnyLight]) -> list[Path
     return folders
 
 
-def _relit(request: RelightRequest, stages: Stages, messages: list[str], notes: list[str]) -> RelitFiles:
+def _relit(
+    request: RelightRequest, at_hand: SceneAtHand | None, stages: Stages, messages: list[str], notes: list[str]
+) -> RelitFiles:
     lights = lights_of(request)
     folders = output_folders(request, lights)
-    job = Job(request.under(lights[0]), stages)
+    job = Job(request.under(lights[0]), stages, at_hand)
     if request.clear_cache:
-        job.relighter.cache.clear()
+        job.known.relighter.cache.clear()
     if request.day and request.exposure_ev is None:
-        request = replace(request, exposure_ev=_exposure_of_day(request, stages))
-        job = Job(request.under(lights[0]), stages)
+        request = replace(request, exposure_ev=_exposure_of_day(request, job))
+        job = Job(request.under(lights[0]), known=job.known)
     writer = Writer(job, messages)
     if request.animated:
         note, report = writer.film(folders[0], request.fps, request.overwrite)
@@ -244,11 +251,11 @@ def _relit(request: RelightRequest, stages: Stages, messages: list[str], notes: 
         job.begin()
         writer, reports = _written(writer, lights, folders, request.overwrite)
     except BaseException:
-        job.leave()
+        job.known.leave()
         raise
     sheet = writer.write_sheet(folders[0].parent) if request.sheet and len(folders) > 1 else None
     film = None
-    if request.day and "png" in writer.job.formats:
+    if request.day and "png" in writer.job.inputs.formats:
         film, note = _film_of_day(folders, request)
         notes = notes + [note] * bool(note)
     return RelitFiles(folders, reports, sheet, notes, writer.job, film)
@@ -269,16 +276,14 @@ def _written(
     return writer, reports
 
 
-def _exposure_of_day(request: RelightRequest, stages: Stages) -> float:
+def _exposure_of_day(request: RelightRequest, job: Job) -> float:
     """Exposure of all times of a day in stops: that of the brightest time."""
     brightest = max(request.times, key=lambda each: each.environment().mean_luminance)
-    return math.log2(next(Job(request.under(brightest), stages).shaded()).exposure)
+    return math.log2(next(job.under(brightest).shaded()).exposure)
 
 
 def _film_of_day(folders: list[Path], request: RelightRequest) -> tuple[Path | None, str]:
     """Join the pictures of a day: the film's path, or None and the reason."""
-    from ..animation.film import FILM, encode
-
     pictures = [folder / FILES["png"] for folder in folders]
     with tempfile.TemporaryDirectory() as work:
         for number, picture in enumerate(pictures):
@@ -299,11 +304,6 @@ def _relit_city(request: RelightRequest, stages: Stages) -> RelitFiles:
     report = relight_city(request, stages=stages)
     lines = [f"{report['output']}: {report['vertices']:,} vertices in {report['tiles']} tiles"]
     return RelitFiles([Path(report["output"])], [report], notes=lines)
-
-
-def _check_there(path: str | os.PathLike[str]) -> None:
-    if not os.path.exists(path):
-        raise InputError(f"{path}: no such scene folder, splat or mesh file")
 
 
 def _default_parent(scene: object) -> Path:

@@ -1,11 +1,11 @@
-"""The inputs of a request, read on first use: the scene, its source splats, the light, the inserted objects."""
+"""The inputs of a request that no light changes, read on first use: the scene, its source splats, added objects."""
 
 import os
 import warnings
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -17,45 +17,42 @@ from splat2mesh.scene.scene import Scene
 from splat2mesh.scene.sources import source_splats
 from splat2mesh.splats.splats import Splats
 
+from ..insert.asked import AskedInsert, asked_inserts
+from ..lamps.asked import AskedLamp
+from ..lamps.placing import asked_lamps
 from ..light import ANEW
-from ..light.daylight import DaylightRequest
 from ..light.environment import Environment
 from ..light.loading import light_of
 from ..options import DEFAULT_TOLERANCE, PLACE_TOLERANCE, LightingOptions
 from ..output.kinds import AROUND, DEFAULT_KINDS, FILES, OF_SPLATS, WITHOUT_LIGHT
 from ..request import RelightRequest
-
-if TYPE_CHECKING:
-    from ..insert.asked import AskedInsert
-    from ..lamps.asked import AskedLamp
+from .meshing import SceneAtHand
 
 
 class Inputs:
     """The inputs of a RelightRequest. Each is read on first use.
 
-    request: RelightRequest of one light. stages: Stages that time the work. Raises InputError, at that time, for input
-    that cannot be read or used.
+    request: RelightRequest of one light. stages: Stages that time the work. at_hand: what was read of the scene before.
+    Raises InputError, at that time, for input that cannot be read or used.
     """
 
-    def __init__(self, request: RelightRequest, stages: Stages | None = None) -> None:
-        self.request, self.stages = request, stages or Stages()
-
-    def require(self, *stages: str) -> None:
-        """Run stages now, by the names of their attributes, so failures precede the long work."""
-        for name in stages:
-            getattr(self, name)
+    def __init__(
+        self, request: RelightRequest, stages: Stages | None = None, at_hand: SceneAtHand | None = None
+    ) -> None:
+        self.request, self.stages, self._at_hand = request, stages or Stages(), at_hand
 
     @cached_property
     def environment(self) -> Environment:
-        """The light, not turned."""
+        """The first light, not turned."""
         with self.stages.stage("environment"):
             return light_of(self.request.light)
 
     @cached_property
     def read_scene(self) -> Scene:
         """The scene as read; of an animation its first frame."""
-        # an unreadable light fails before the scene is read
-        self.require("environment", "asked_lamps", "asked_inserts")
+        _ = self.environment, self.asked_lamps, self.asked_inserts  # or an InputError, before the scene is read
+        if self._at_hand is not None:
+            return self._at_hand.scene
         with self.stages.stage("load"):
             return self.animation.scene if self.plays else as_scene(self.request.scene)
 
@@ -71,10 +68,13 @@ class Inputs:
         None with a DataWarning if they are missing and were not requested.
         """
         wanted = bool(set(OF_SPLATS) & set(self.request.formats or ()))
-        asked = wanted or (self._of_splats and (bool(self.request.baked) or self.request.splat is not None))
+        asked = wanted or (self.of_splats and (bool(self.request.baked) or self.request.splat is not None))
         if not asked and "sha256" not in self.read_scene.source:
             return None
         with self.stages.stage("load"):
+            known = self._at_hand.splats() if self._at_hand is not None and self.request.splat is None else None
+            if known is not None:
+                return known
             try:
                 return source_splats(self.read_scene, self.request.splat)
             except InputError as error:
@@ -107,17 +107,13 @@ class Inputs:
         return self.read_scene.capture.get("from") == "inside"
 
     @cached_property
-    def asked_lamps(self) -> "list[AskedLamp]":
+    def asked_lamps(self) -> list[AskedLamp]:
         """The added lamps as requested."""
-        from ..lamps.placing import asked_lamps
-
         return asked_lamps(self.request.lighting.placed)
 
     @cached_property
-    def asked_inserts(self) -> "list[AskedInsert]":
+    def asked_inserts(self) -> list[AskedInsert]:
         """The inserted objects as requested."""
-        from ..insert.asked import asked_inserts
-
         return asked_inserts(self.request.inserted)
 
     @cached_property
@@ -128,31 +124,26 @@ class Inputs:
         return Animation(str(self.request.scene))
 
     @cached_property
-    def _of_splats(self) -> bool:
+    def of_splats(self) -> bool:
         """Whether the scene was made from a splat: a mesh's colours are its maker's albedo, a splat's are not."""
         return bool(self.read_scene.source) or (
             self.read_scene.path is not None and Path(self.read_scene.path).is_dir()
         )
 
     @property
-    def _choice(self) -> Any:
+    def choice(self) -> Any:
         """The source of the albedo."""
         if self.request.albedo is None and self.request.needs_no_light:
             return "captured"
-        return ("estimated" if self._of_splats else "captured") if self.request.albedo is None else self.request.albedo
+        return ("estimated" if self.of_splats else "captured") if self.request.albedo is None else self.request.albedo
 
     @property
     def choice_name(self) -> str:
         """The source of the albedo, as the report names it."""
-        return "array" if isinstance(self._choice, np.ndarray) else str(self._choice)
-
-    @cached_property
-    def lights(self) -> list[Environment]:
-        """The light, turned by each of the angles."""
-        return [self.environment.rotated(angle) for angle in self.request.angles_deg]
+        return "array" if isinstance(self.choice, np.ndarray) else str(self.choice)
 
     @property
-    def _shows_splats_alone(self) -> bool:
+    def shows_splats_alone(self) -> bool:
         """Whether only the splats of a place are shown, so other vertices need no light."""
         alone = (
             not self.request.baked
@@ -174,9 +165,3 @@ class Inputs:
         if isinstance(given, (str, os.PathLike)):
             return str(Path(given))
         return str(self.read_scene.path or self.read_scene.source.get("file", "a mesh in memory"))
-
-    @property
-    def light_name(self) -> str:
-        """The light as the report names it."""
-        env = self.request.light
-        return env.name if isinstance(env, (Environment, DaylightRequest)) else str(env)

@@ -7,89 +7,159 @@ job.shaded()            shade
 
 import warnings
 from collections.abc import Iterator
-from copy import copy
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from splat2mesh.base.errors import DataWarning
-from splat2mesh.options import ConvertOptions
-from splat2mesh.scene.mesh import Mesh
+from splat2mesh.base.errors import DataWarning, InputError
+from splat2mesh.base.progress import Stages
 
 from ..engine.appearance import albedo_kept
-from ..engine.light_mix import LightKind
+from ..engine.exposure import level_of
+from ..engine.light_mix import LightKind, LightMix, kind_of
 from ..engine.relighter import Shaded, Shading
-from ..light import CAPTURED
+from ..engine.relit_room import RelitRoom
+from ..light.daylight import DaylightRequest
 from ..light.environment import Environment
+from ..light.loading import light_of
 from ..output.kinds import SUN
 from ..output.lamps_glb import PlacedLamps
 from ..request import AnyLight, RelightRequest
+from .inputs import Inputs
 from .known_scene import KnownScene
-from .meshing import is_scene, scene_folder
+from .meshing import SceneAtHand
+from .object_surroundings import light_under, surroundings_under
 
 if TYPE_CHECKING:
-    from ..insert.asked import AskedInsert
-    from ..insert.insert_plan import InsertPlan
     from ..insert.inserts import Inserts
-    from ..insert.objects import InsertedObject
     from ..insert.probe import Light
     from ..planning.plan import Plan
-
-OF_ONE_LIGHT = frozenset({"environment", "plan", "lights", "room", "mix"})
-"""Stages of a Job that depend on the light."""
 
 OF_SURFACES = frozenset({"glb", "ply", "npy", "png", "splat"})
 """Formats that need nothing but the light of the surfaces."""
 
 
-class Job(KnownScene):
-    """A relight request, processed stage by stage. Every stage reads and computes on first use.
+class Job:
+    """A relight request under one light, processed stage by stage. Every stage reads and computes on first use.
 
-    request: RelightRequest of one light. stages: Stages that time the work.
-    Stages raise InputError for input that cannot be read or used.
+    request: RelightRequest of one light. stages: Stages that time the work. at_hand: what was read of the scene before.
+    known: what is known of the scene under another light. Stages raise InputError for input that cannot be read or
+    used.
     """
 
+    def __init__(
+        self,
+        request: RelightRequest,
+        stages: Stages | None = None,
+        at_hand: SceneAtHand | None = None,
+        known: KnownScene | None = None,
+    ) -> None:
+        self.request = request
+        self.known = KnownScene(Inputs(request, stages, at_hand)) if known is None else known
+        self.inputs, self.stages = self.known.inputs, self.known.inputs.stages
+
     def under(self, env: AnyLight) -> "Job":
-        """The same job under another light. Both share every stage that does not depend on the light."""
-        self.require("appearance", "formats")
-        other = copy(self)
-        other.request = self.request.under(env)
-        for name in OF_ONE_LIGHT & vars(other).keys():
-            delattr(other, name)
-        return other
+        """The same job under another light. Both share what is known of the scene."""
+        return Job(self.request.under(env), known=self.known)
+
+    def begin(self) -> None:
+        """As `KnownScene.begin`."""
+        _ = self.known.relighter  # before the light is asked for
+        self.known.begin(not (self.light_kind is LightKind.CAPTURED or self.inputs.options.opened))
+
+    # the light
+
+    @cached_property
+    def environment(self) -> Environment:
+        """The light, not turned."""
+        if self.request is self.inputs.request:
+            return self.inputs.environment
+        with self.stages.stage("environment"):
+            return light_of(self.request.light)
+
+    @cached_property
+    def lights(self) -> list[Environment]:
+        """The light, turned by each of the angles."""
+        return [self.environment.rotated(angle) for angle in self.request.angles_deg]
+
+    @property
+    def light_name(self) -> str:
+        """The light as the report names it."""
+        env = self.request.light
+        return env.name if isinstance(env, (Environment, DaylightRequest)) else str(env)
+
+    @cached_property
+    def room(self) -> RelitRoom | None:
+        """The closed room that the scene is, or None."""
+        look, options = self.known.appearance, self.inputs.options
+        closed = look.capture is not None and "room" in look.capture
+        if options.opened and not closed:
+            raise InputError("`opened` ceiling: expected a closed room that was captured from inside, found none")
+        room = None
+        if closed:
+            brightness = None if look.capture is None else look.capture["brightness"]
+            room = RelitRoom(look, self.known.relighter, level_of(brightness, self.environment))
+        if isinstance(options.lamps, tuple):
+            _ = room.lamp_factors if room else options.lamp_factors(0)  # or an InputError
+        elif options.lamps != "keep" and not (room and room.lamps_found):
+            message = "`lamps`: found no lamp of known strength, so none is changed"
+            warnings.warn(message, DataWarning, stacklevel=4)
+        return room
+
+    @property
+    def assumed(self) -> dict[str, Any] | None:
+        """The assumption for an environment without a known way in, JSON-clean: the share of the captured
+        light that comes from outside, and the factor on it, RGB; None without an assumption."""
+        change = self.mix.assumed
+        if self.room is None or change is None:
+            return None
+        return {"outside": self.room.outside, "change": [round(float(each), 4) for each in change]}
+
+    @property
+    def light_kind(self) -> LightKind:
+        """What the new light is."""
+        return kind_of(self.inputs.options, self.environment)
+
+    @cached_property
+    def mix(self) -> LightMix:
+        """All light on the scene."""
+        asked = self.inputs.options, self.inputs.asked_lamps, self.environment
+        return LightMix(*asked, self.known.relighter, self.known.appearance, self.room, self.request.exposure_ev)
 
     # plan
 
     @cached_property
     def plan(self) -> "Plan | None":
         """The Plan for all angles; None for a method without a plan and for a room that stays as captured."""
-        albedo, room = self.appearance.albedo, self.room
-        if self.appearance.as_captured or self.light_kind is LightKind.CAPTURED:
+        albedo, room = self.known.appearance.albedo, self.room
+        if self.known.appearance.as_captured or self.light_kind is LightKind.CAPTURED:
             return None
-        return (room.lit if room else self.relighter).plan_for(self.environment, albedo, len(self.request.angles_deg))
+        return (room.lit if room else self.known.relighter).plan_for(
+            self.environment, albedo, len(self.request.angles_deg)
+        )
 
     def planned(self) -> tuple["Plan | None", str]:
         """The Plan without any long work, and a note on its assumption, or "".
 
         Without an estimate of the albedo, it plans with the captured colours.
         """
-        if self.choice_name != "estimated" or "appearance" in vars(self):
+        if self.inputs.choice_name != "estimated" or self.known.has_appearance:
             return self.plan, ""
-        relighter = self.relighter
-        light = self._capture_env()
-        known = self.gloss is None or self.gloss.known
+        relighter = self.known.relighter
+        light = self.known.capture_env()
+        known = self.known.gloss is None or self.known.gloss.known
         albedo = None if not known else albedo_kept(light, relighter)
         note = "" if albedo is not None else "the albedo is not estimated yet: planned with the captured colours"
-        used = self.scene.colors_linear if albedo is None else albedo
+        used = self.known.scene.colors_linear if albedo is None else albedo
         return relighter.plan_for(self.environment, used, len(self.request.angles_deg)), note
 
     # shade
 
     def shaded(self) -> Iterator[Shaded]:
         """Light the scene from each angle in turn, all at the same exposure."""
-        self.require("plan")  # for all the angles
+        _ = self.plan  # for all the angles
         lights = self.lights
         # One light is shaded once. With several, a first pass finds the exposure, which avoids holding all in memory.
         first = self.shading(lights[0])
@@ -103,66 +173,36 @@ class Job(KnownScene):
 
     def let_go(self, shaded: Shaded) -> None:
         """Free the kept bounces, most of the memory, where files need only the light of the surfaces."""
-        others = self.light_kind.adds or self.asked_inserts or self.request.baked or set(self.formats) - OF_SURFACES
-        if not others and self.relighter.cache.settings_of("bounces"):
-            self.relighter.precomputed.forget(shaded.shading.settings._replace(bounce_rays=0))
-
-    @cached_property
-    def inserts(self) -> "Inserts | None":
-        """The inserted objects at their positions, or None."""
-        if not self.asked_inserts:
-            return None
-        from ..insert.inserts import Inserts
-
-        return Inserts(self.asked_inserts, self.relighter, lambda: self.appearance, self._object_of)
-
-    @property
-    def insert_plan(self) -> "InsertPlan | None":
-        """The share of the scene that the objects change, and its cost; None without objects."""
-        if self.inserts is None:
-            return None
-        from ..insert.insert_plan import evenly_lit, plan_inserts
-
-        around = evenly_lit(self.scene, self.relighter.occluder)
-        splats = self.splats[0] if self.shows_splats and self.splats is not None else None
-        return plan_inserts(self.inserts.standing, self.scene, around, splats)
-
-    def _object_of(self, asked: "AskedInsert") -> "InsertedObject":
-        """A requested object. A splat is meshed first, like a scene, and its captured light is removed."""
-        if asked in self.inserted_meshes:
-            return self.inserted_meshes[asked]
-        from ..insert.splat_insert import splat_object
-
-        folder, source = asked.source, asked.source
-        if not isinstance(source, Mesh) and not is_scene(source):
-            folder, _ = scene_folder(source, ConvertOptions(), self.stages)
-        own = Job(RelightRequest(folder, CAPTURED, formats=("splat",)), self.stages)
-        assert own.splats is not None  # or an InputError
-        return splat_object(asked.name, own.scene, own.binding, len(own.splats[0]), own.appearance)
+        others = (
+            self.light_kind.adds
+            or self.inputs.asked_inserts
+            or self.request.baked
+            or set(self.inputs.formats) - OF_SURFACES
+        )
+        if not others and self.known.relighter.cache.settings_of("bounces"):
+            self.known.relighter.precomputed.forget(shaded.shading.settings._replace(bounce_rays=0))
 
     def lamps_shown(self, light: Environment, exposure: float) -> "PlacedLamps":
         """The lamps beside a light at an exposure, in the frame of the scene and in display values."""
-        known = not self.asked_lamps or self.request.exposure_ev is None
-        radiance = self.appearance.captured if known else self.shading(light).radiance
-        return PlacedLamps(self.mix.lamps_shown(light, radiance, exposure), [each.name for each in self.asked_lamps])
+        known = not self.inputs.asked_lamps or self.request.exposure_ev is None
+        radiance = self.known.appearance.captured if known else self.shading(light).radiance
+        return PlacedLamps(
+            self.mix.lamps_shown(light, radiance, exposure), [each.name for each in self.inputs.asked_lamps]
+        )
 
     def _with_others(self, shaded: Shaded) -> Shaded:
         shaded = self.mix.mixed(shaded) if self.light_kind.adds else shaded
-        return shaded if self.inserts is None else self._with_objects(shaded, self.inserts)
+        return shaded if self.known.inserts is None else self._with_objects(shaded, self.known.inserts)
 
     def light_around(self, shaded: Shaded) -> "Light":
         """The skies of one of the lights, and the radiance of captured lamps in it."""
-        from .object_surroundings import light_under
-
         return light_under(shaded, self.mix)
 
     def _with_objects(self, shaded: Shaded, inserts: "Inserts") -> Shaded:
-        from .object_surroundings import surroundings_under
-
         shading = shaded.shading
         around, received = surroundings_under(shaded, self.mix), shading.received
         if received is None:
-            received = self.appearance.received(shading.radiance, shaded.exposure)
+            received = self.known.appearance.received(shading.radiance, shaded.exposure)
         inserted = inserts.under(around, received)
         shading = shading._replace(radiance=shading.radiance * inserted.ratio, received=received)
         return shaded._replace(shading=shading, inserted=inserted)
@@ -181,8 +221,8 @@ class Job(KnownScene):
             if self.room:
                 parts["room"] = scale * own.radiance
             else:
-                direct, sun = self.relighter.direct(shaded.light, own.settings)
-                albedo = scale if self.appearance.albedo is None else scale * self.appearance.albedo
+                direct, sun = self.known.relighter.direct(shaded.light, own.settings)
+                albedo = scale if self.known.appearance.albedo is None else scale * self.known.appearance.albedo
                 parts["direct"], parts["bounced"] = albedo * direct, scale * own.radiance - albedo * direct
                 parts |= {} if sun is None else {SUN: np.minimum(albedo * sun, parts["direct"])}
         ratio = 1.0 if shaded.inserted is None else shaded.inserted.ratio

@@ -13,13 +13,18 @@ from ..engine.appearance import CHOICES, LEAST_ALBEDO
 from ..engine.by_hand import LightByHand, can_be_set
 from ..engine.light_mix import LightBeside
 from ..engine.placed import Placed
+from ..insert.polished import floor_under
 from ..lamps.asked import AskedLamp
 from ..lamps.color import WHITE
 from ..lamps.shapes import SphereLamp
+from ..output.inserted_picture import with_objects
+from ..splats.sky import far_splats
 from ..transfer.occluder import Frame
-from ..viewer.hand_source import HandSource
 from ..viewer.request import SessionRequest
+from ..viewer.sources import HandSource, LampSource, LampSum, ObjectSource, ObjectsUnder
+from ..viewer.splats import SplatLook, SplatSource
 from .job import Job
+from .object_surroundings import surroundings_in
 
 if TYPE_CHECKING:
     from splat2mesh.render.raycaster import Hits
@@ -29,48 +34,56 @@ if TYPE_CHECKING:
     from ..insert.inserts import InsertedLight
     from ..splats import Binding
     from ..splats.floor_mirror import FloorMirror
-    from ..viewer.lamp_source import LampParts, LampSource
-    from ..viewer.object_source import ObjectSource, ObjectsUnder
-    from ..viewer.splats import SplatSource
 
 
 def session_of(job: Job) -> SessionRequest:
     """Return what `viewer.view` shows of a job: its albedo first, and the lights beside its own."""
-    look, room, opened = job.appearance, job.room, job.options.opened is not None
-    chosen = job.choice_name if job.choice_name in CHOICES else Path(job.choice_name).stem
-    lights, asked, source = Path(job.light_name), job.request.exposure_ev, _lamp_source(job)
+    source = _lamp_source(job)
+    request = _under_light(job, _first_mixture(job, source) if job.light_kind.adds else None)
+    if job.inputs.options.opened is not None:
+        return request
+    relighter, splats = job.known.relighter, job.inputs.splats
+    return replace(
+        request,
+        cache=relighter.cache,
+        splats=None if splats is None else _splats(job, splats[0], request.mixture),
+        lamp_source=source,
+        object_source=_object_source(job) if job.inputs.asked_inserts else None,
+        hand_source=_hand_source(job) if can_be_set(job.known.appearance, relighter) else None,
+    )
+
+
+def _chosen(job: Job) -> str:
+    """The name of a job's albedo in its session."""
+    name = job.inputs.choice_name
+    return name if name in CHOICES else Path(name).stem
+
+
+def _under_light(job: Job, mixture: LightBeside | None) -> SessionRequest:
+    """The scene, its albedos, and the lights on it."""
+    look, room, options = job.known.appearance, job.room, job.inputs.options
     albedo, by_lamps = (look.albedo, None) if room is None else room.session(job.lights[0])
-    exposure = room.exposure if room else None
-    mixture = _first_mixture(job, source) if job.light_kind.adds else None
-    others = {"captured": look.captured, "white": None}
+    exposure = None if room is None else room.exposure
+    others, lights, chosen = {"captured": look.captured, "white": None}, Path(job.light_name), _chosen(job)
     if mixture is not None:  # what lamps light is known for one albedo
         others, by_lamps = {}, None if job.mix.alone else by_lamps
         exposure = mixture.level if exposure is None else exposure
-    request = SessionRequest(
-        scene=room.lit.scene if room and opened else job.scene,
+    asked = job.request.exposure_ev
+    return SessionRequest(
+        scene=job.known.scene if room is None or options.opened is None else room.lit.scene,
         environment=job.lights[0],
-        lighting=replace(job.options, budget_s=None).planned(),  # a session has a tolerance
+        lighting=replace(options, budget_s=None).planned(),  # a session has a tolerance
         albedos={chosen: albedo, **{name: each for name, each in others.items() if name != chosen}},
         environments_folder=lights.parent if lights.is_file() else None,
         exposure=exposure if asked is None else 2.0**asked,
         lamps={} if by_lamps is None else {chosen: by_lamps},
         lamps_known=bool(room and room.lamps_found),
-        state={"lamps": 1.0 if look.as_captured else job.options.lamp_factor},  # already in the colours of such a room
+        state={"lamps": 1.0 if look.as_captured else options.lamp_factor},  # already in the colours of such a room
         mixture=mixture,
     )
-    if opened:
-        return request
-    return replace(
-        request,
-        cache=job.relighter.cache,
-        splats=None if job.splats is None else _splats(job, chosen, mixture),
-        lamp_source=source,
-        object_source=_object_source(job) if job.asked_inserts else None,
-        hand_source=_hand_source(job) if can_be_set(look, job.relighter) else None,
-    )
 
 
-def _first_mixture(job: Job, source: "LampSource") -> LightBeside:
+def _first_mixture(job: Job, source: LampSource) -> LightBeside:
     """The light beside the environment as it is requested."""
     source.mixture(source.captured, None)  # before lamps: a relight shades by the environment first, too
     lamp_light = job.mix.lamp_light
@@ -79,7 +92,7 @@ def _first_mixture(job: Job, source: "LampSource") -> LightBeside:
 
 def _hand_source(job: Job) -> HandSource:
     """The HandSource of a session."""
-    return HandSource(lambda: LightByHand(job.relighter, job.appearance), _first_hits_of(job))
+    return HandSource(lambda: LightByHand(job.known.relighter, job.known.appearance), _first_hits_of(job))
 
 
 def _first_hits_of(job: Job) -> "Callable[[NDArray[np.float32]], Hits]":
@@ -88,28 +101,26 @@ def _first_hits_of(job: Job) -> "Callable[[NDArray[np.float32]], Hits]":
 
     def first_hits(rays: NDArray[np.float32]) -> "Hits":
         if not frames:
-            frames.append(Frame.around(job.scene.vertices, job.scene.faces))
+            frames.append(Frame.around(job.known.scene.vertices, job.known.scene.faces))
         (frame,) = frames
         unit = np.concatenate([frame.unit(rays[:, :3]), rays[:, 3:] / np.float32(frame.diagonal)], axis=1)
-        return job.relighter.occluder.first_hits(unit)
+        return job.known.relighter.occluder.first_hits(unit)
 
     return first_hits
 
 
-def _lamp_source(job: Job) -> "LampSource":
+def _lamp_source(job: Job) -> LampSource:
     """The LampSource of a session, with the mixture of `Job.shaded`."""
-    from ..viewer.lamp_source import LampSource
-
     mix = job.mix
     found: list[float] = []
 
     def level() -> float:
         if not found:
             known = mix.level_is_known
-            found.append(mix.level(job.appearance.captured if known else mix.alone_under(job.lights[0]).radiance))
+            found.append(mix.level(job.known.appearance.captured if known else mix.alone_under(job.lights[0]).radiance))
         return found[0]
 
-    def mixture(captured: float, parts: "LampParts | None") -> LightBeside:
+    def mixture(captured: float, parts: Placed | LampSum | None) -> LightBeside:
         placed = None if parts is None else Placed(parts.radiance, parts.received, parts.received, [])
         return mix.beside(level(), captured, placed)
 
@@ -120,46 +131,40 @@ def _lamp_source(job: Job) -> "LampSource":
     return LampSource(
         asked=mix.asked_lamps,
         captured=mix.captured_factor,
-        mixes=mix.kind.adds,
         prepare=prepare,
         light_of=mix.light_of,
         mixture=mixture,
         scale=lambda: mix.scale,
         first_hits=_first_hits_of(job),
-        scene_from_splat=np.asarray(job.scene.scene_from_splat, np.float64),
-        command=f"relight {job.name} --env {job.light_name} --captured {{captured}} --lamp {{lamps}}",
+        scene_from_splat=np.asarray(job.known.scene.scene_from_splat, np.float64),
+        command=f"relight {job.inputs.name} --env {job.light_name} --captured {{captured}} --lamp {{lamps}}",
     )
 
 
 def _received_of(job: Job) -> "Callable[[NDArray[np.float32], float], NDArray[np.float32]]":
     """The function for the irradiance over pi of the scene from the radiance of an environment and its exposure."""
-    look, room = job.appearance, job.room
+    look, room = job.known.appearance, job.room
 
     def received(radiance: NDArray[np.float32], exposure: float) -> NDArray[np.float32]:
         if look.as_captured:  # the session shows the captured colours, times what its lamps are dimmed by
             return look.irradiance * (radiance + LEAST_ALBEDO) / (look.captured + np.float32(LEAST_ALBEDO))
         if room and look.room is not None:
-            radiance = room.as_captured(radiance, job.options.unplanned)
+            radiance = room.as_captured(radiance, job.inputs.options.unplanned)
         return np.asarray(look.received(radiance, exposure), np.float32)
 
     return received
 
 
-def _object_source(job: Job) -> "ObjectSource":
+def _object_source(job: Job) -> ObjectSource:
     """The ObjectSource of a session."""
-    from ..insert.polished import floor_under
-    from ..output.inserted_picture import with_objects
-    from ..viewer.object_source import ObjectSource
-    from .object_surroundings import surroundings_in
-
-    inserts = job.inserts
+    inserts = job.known.inserts
     assert inserts is not None
 
-    def exact(asked: "Sequence[AskedInsert]", now: "ObjectsUnder", check: "Callable[..., None]") -> "InsertedLight":
+    def exact(asked: "Sequence[AskedInsert]", now: ObjectsUnder, check: "Callable[..., None]") -> "InsertedLight":
         return inserts.moved(asked).under(surroundings_in(now, job.mix), now.received, check)
 
     def floor(light: "InsertedLight", exposure: float) -> "FloorMirror | None":
-        return None if job.mirror is None else floor_under(job.mirror, light, exposure)
+        return None if job.known.mirror is None else floor_under(job.known.mirror, light, exposure)
 
     return ObjectSource(
         asked=tuple(inserts.asked),
@@ -168,28 +173,23 @@ def _object_source(job: Job) -> "ObjectSource":
         glimpse=lambda asked, before: inserts.moved(asked).glimpse(before),
         floor=floor,
         drawn=lambda splats, light, exposure, view, samples: with_objects(
-            splats, light, exposure, view, job.scene, samples, floor(light, exposure)
+            splats, light, exposure, view, job.known.scene, samples, floor(light, exposure)
         ),
-        scene_from_splat=np.asarray(job.scene.scene_from_splat, np.float64),
+        scene_from_splat=np.asarray(job.known.scene.scene_from_splat, np.float64),
     )
 
 
-def _splats(job: Job, chosen: str, mixture: LightBeside | None) -> "SplatSource":
+def _splats(job: Job, captured: "Splats", mixture: LightBeside | None) -> SplatSource:
     """The splats as a session shows them: by its own albedo, or by the captured colours."""
-    from ..splats.sky import FarSplats, far_splats
-    from ..viewer.splats import SplatLook, SplatSource
-
-    look, room, splats = job.appearance, job.room, job.splats
-    assert splats is not None
-
+    look, room, chosen = job.known.appearance, job.room, _chosen(job)
     received = _received_of(job)
 
     def binding() -> "Binding":
         if not look.as_captured:
             received(np.zeros_like(look.captured), 1.0)  # the light of the capture in a room takes long, once
-        return job.binding
+        return job.known.binding
 
-    gloss = None if job.gloss is None or look.environment is None else partial(job.gloss.relit, look)
+    gloss = None if job.known.gloss is None or look.environment is None else partial(job.known.gloss.relit, look)
     looks = {chosen: SplatLook(look.irradiance, received, gloss)}
     if mixture is None and chosen != "captured" and room is None:
         least = np.maximum(look.captured, np.float32(LEAST_ALBEDO))
@@ -197,8 +197,7 @@ def _splats(job: Job, chosen: str, mixture: LightBeside | None) -> "SplatSource"
             np.ones_like(look.captured), lambda radiance, _: np.asarray(radiance / least, np.float32)
         )
 
-    def far(source: Splats) -> FarSplats:
-        return far_splats(source, job.scene, look, job.mirror)
-
     level = job.mix.brightness if look.as_captured and mixture is None else None
-    return SplatSource(splats[0], binding, looks, far, level)
+    return SplatSource(
+        captured, binding, looks, lambda source: far_splats(source, job.known.scene, look, job.known.mirror), level
+    )

@@ -21,19 +21,17 @@ from splat2mesh.base.version import VERSION
 from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.splats import Splats
 
+from ..animation.acting import Acting
+from ..animation.film import FILM, FilmRequest, Frames, Shot, animate, frame_times
+from ..animation.object_film import film_objects
 from ..engine.relighter import Shaded
 from ..insert.asked import described
 from ..light.loading import light_of
 from ..light.skies import BUILTIN
 from ..options import LightingOptions, lamp_name
-from ..output.around_files import AroundFiles
-from ..output.clean_files import CleanFiles
-from ..output.engine_files import EngineFiles
-from ..output.kinds import AROUND, FOR_ENGINES, WITHOUT_LIGHT
-from ..output.live_files import LiveFiles
-from ..output.pass_files import PassFiles
-from ..output.results import PICTURE_SIZE, OwnWriters, Results
-from ..output.subject import WrittenScene
+from ..output.kinds import PICTURE_SIZE
+from ..output.results import Results
+from ..output.subject import AskedFiles, WrittenScene
 from ..request import AnyLight
 from .earlier_results import REPORT, Earlier, check_results, is_results, settings_of
 from .job import Job
@@ -89,13 +87,11 @@ class Writer:
         self, folder: str | os.PathLike[str], fps: float = 24.0, overwrite: bool = False
     ) -> tuple[str, dict[str, Any]]:
         """Light every frame of an animated scene into a folder: a note on what is missing, or "", and the report."""
-        from ..animation.film import FILM, FilmRequest, Frames, Shot, animate, frame_times
-
         job = self.job
-        if job.asked_inserts:
+        if job.inputs.asked_inserts:
             return self._film_of_objects(folder, fps, overwrite)
-        job.require("plan")  # its rays are traced before the first frame
-        albedo, animation, (light,) = job.appearance.albedo, job.animation, job.lights
+        _ = job.plan  # its rays are traced before the first frame
+        albedo, animation, (light,) = job.known.appearance.albedo, job.inputs.animation, job.lights
         count = len(frame_times(animation.duration_s, fps))
         shading: Any = None
 
@@ -103,8 +99,8 @@ class Writer:
             nonlocal shading
             poses = animation.at(time_s)
             if time_s > 0.0:
-                job.relighter.update_all({chunk: poses[chunk] for chunk in animation.moving}, 1.0 / fps)
-            shading = job.relighter.shading(light, albedo)
+                job.known.relighter.update_all({chunk: poses[chunk] for chunk in animation.moving}, 1.0 / fps)
+            shading = job.known.relighter.shading(light, albedo)
             return shading.radiance
 
         def finish(staging: Path, written: Frames) -> None:
@@ -127,13 +123,9 @@ class Writer:
         self, folder: str | os.PathLike[str], fps: float, overwrite: bool
     ) -> tuple[str, dict[str, Any]]:
         """Light the inserted objects frame by frame, in a static place."""
-        from ..animation.acting import Acting
-        from ..animation.film import FILM, FilmRequest, Frames, frame_times
-        from ..animation.object_film import film_objects
-
         job, results = self.job, self._results
-        assert job.inserts is not None
-        acting = Acting(job.inserts)
+        assert job.known.inserts is not None
+        acting = Acting(job.known.inserts)
         count = len(frame_times(acting.duration_s, fps))
         shaded = next(job.shaded())
         around, received = shaded.inserted.around, shaded.inserted.received
@@ -160,55 +152,39 @@ class Writer:
 
     @cached_property
     def _results(self) -> Results:
-        job = self.job
-        asked, relighter, look = job.request, job.relighter, job.appearance
-        seed, formats = asked.lighting.seed, job.formats
-        splats = job.splats if job.shows_splats else None
-        written = WrittenScene(
-            relighter,
-            look,
-            splats,
-            lambda: job.binding,
-            asked.sky,
-            seed,
-            job.lamps_shown,
-            job.gloss,
-            lambda: job.mix.lamp_light if job.light_kind.adds else None,
-            lambda: job.mirror,
-            job.texture,
+        job, known, asked = self.job, self.job.known, self.job.request
+        formats = job.inputs.formats
+        files = AskedFiles(
+            kinds=formats,
+            baked=asked.baked,
+            texture_size=asked.texture_size,
+            live_mesh=asked.live_mesh,
+            harmonics=asked.harmonics,
+            lights=[light_of(each) for each in (*asked.lights, *BUILTIN)] if {"live", "web"} & {*formats} else [],
+            probe_at=asked.probe_at,
+            probe_grid=asked.probe_grid,
+            color_space=asked.color_space,
+            tolerance=asked.lighting.tolerance,
+            sky=asked.sky,
+            seed=asked.lighting.seed,
         )
-        live = engines = None
-        if splats is not None and {"live", "web"} & set(formats):
-            others = [light_of(each) for each in (*asked.lights, *BUILTIN)]
-            live = LiveFiles(written, job.mix, others, asked.lighting.tolerance)
-        if asked.live_mesh or {*FOR_ENGINES} & {*formats}:
-            engines = EngineFiles(written, formats, asked.live_mesh, asked.harmonics)
-        around = None
-        if {*AROUND} & {*formats}:
-            source = splats[1][0] if splats is not None and len(splats[1]) == 1 else None
-            around = AroundFiles(
-                job.scene,
-                relighter.occluder,
-                formats,
-                job.light_around,
-                places=asked.probe_at,
-                source=source,
-                grid=asked.probe_grid,
-            )
-        clean = None
-        if splats is not None and {*WITHOUT_LIGHT} & {*formats}:
-            clean = CleanFiles(job.scene, *splats, job.stages)
-        passes = None
-        if "passes" in formats:
-            passes = PassFiles(
-                job.scene,
-                albedo=lambda: job.appearance.albedo,
-                parts=job.light_parts,
-                views=lambda: job.pass_views,
-                space=asked.color_space,
-            )
-        own = OwnWriters(live, engines, around, clean, passes)
-        return Results(written, formats, asked.baked, asked.texture_size, own)
+        written = WrittenScene(
+            relighter=known.relighter,
+            appearance=known.appearance,
+            asked=files,
+            splats=job.inputs.splats if job.inputs.shows_splats else None,
+            binding=lambda: known.binding,
+            lamps=job.lamps_shown,
+            gloss=known.gloss,
+            mix=job.mix,
+            lamp_light=lambda: job.mix.lamp_light if job.light_kind.adds else None,
+            mirror=lambda: known.mirror,
+            texture=known.texture,
+            light_around=job.light_around,
+            light_parts=job.light_parts,
+            pass_views=lambda: known.pass_views,
+        )
+        return Results(written)
 
     def _write_report(self, folder: Path, report: dict[str, Any]) -> None:
         report.update(warnings=list(self._messages), seconds=dict(self.job.stages.seconds), peak_mb=peak_mb())
@@ -228,23 +204,23 @@ def report_of(job: Job, shaded: Shaded) -> dict[str, Any]:
     settings = shading.settings
     return {
         "version": VERSION,
-        "scene": job.name,
+        "scene": job.inputs.name,
         "vertices": len(shading.radiance),
-        "faces": len(job.scene.faces),
-        "chunks": len(job.scene.chunks),
+        "faces": len(job.known.scene.faces),
+        "chunks": len(job.known.scene.chunks),
         "environment": {"name": light.name, "source": job.light_name, "repaired_pixels": light.repaired},
         "angle_deg": light.rotation_deg,
-        "lamps": _lamps_of(job.options),
+        "lamps": _lamps_of(job.inputs.options),
         "placed": job.mix.in_words,
-        "inserted": [described(each) for each in job.asked_inserts],
+        "inserted": [described(each) for each in job.inputs.asked_inserts],
         "captured": job.mix.captured_factor if job.light_kind.adds else None,
-        "env_scale": job.options.env_scale,
+        "env_scale": job.inputs.options.env_scale,
         "assumed": job.assumed,
-        "open": job.options.opened,
-        "albedo": job.choice_name,
-        "capture": job.appearance.capture,
-        "gloss": None if job.gloss is None else job.gloss.as_dict(job.appearance),
-        "mirrored_floor": job.mirrored_floor,
+        "open": job.inputs.options.opened,
+        "albedo": job.inputs.choice_name,
+        "capture": job.known.appearance.capture,
+        "gloss": None if job.known.gloss is None else job.known.gloss.as_dict(job.known.appearance),
+        "mirrored_floor": job.known.mirrored_floor,
         "method": settings.method,
         "bands": settings.bands,
         "rays": settings.rays,
@@ -254,7 +230,7 @@ def report_of(job: Job, shaded: Shaded) -> dict[str, Any]:
         "seed": job.request.lighting.seed,
         "plan": None if job.plan is None else job.plan.as_dict(),
         "lamp_plan": None if job.mix.lamp_light is None else job.mix.lamp_light.plan_dict(),
-        "rays_traced": job.relighter.rays_traced,
+        "rays_traced": job.known.relighter.rays_traced,
         "exposure": exposure,
         "files": [],
     }

@@ -1,13 +1,14 @@
 """The bundle that every loader reads: docs/live.md describes it."""
 
-import hashlib
 import json
 import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from splat2mesh.base.version import VERSION
+from splat2mesh.scene.folder import sha256_of
 from splat2mesh.splats.formats import write_splats
+from splat2mesh.splats.splats import Splats
 
 from .ground import FILE as GROUND_FILE
 from .lights import IMAGE, rgbe
@@ -24,6 +25,7 @@ from .terms import CAPTURED
 if TYPE_CHECKING:
     from .lights import PortableLight
     from .live import Live
+    from .objects import LiveObjects
 
 FORMAT, FORMAT_VERSION = "relight-live", 1
 
@@ -36,43 +38,47 @@ META = "live.json"
 def write_bundle(folder: str | os.PathLike[str], live: "Live", exact: bool = True) -> list[str]:
     """Write the files of a Live into an existing folder; return their names. exact: whether to write splat.ply too."""
     folder = Path(folder)
-    kinds = ["compressed.ply"] + ["ply"] * exact
-    for kind in kinds:
-        write_splats(folder / f"splat.{kind}", live.splats, kind)
-    parts = live.transfer.tobytes(), live.surfaces.packed.tobytes(), live.basis.tobytes()
-    contents = dict(zip(("transfer.bin", "surface.bin", "basis.bin"), parts, strict=True))
-    if live.terms:
-        contents["terms.bin"] = b"".join(term.tobytes() for term in live.terms)
-    if live.gloss is not None:
-        contents[GLOSS_FILE] = live.gloss.tobytes()
-    if live.ground is not None:
-        contents[GROUND_FILE] = live.ground.tobytes()
-    if live.objects is not None:
-        contents[OBJECTS_FILE] = live.objects.tobytes()
-        contents.update({MESH: live.objects.glb} if live.objects.glb else {})
-        if live.objects.movable:
-            contents[MOVABLE_FILE] = b"".join(each.tobytes() for each in live.objects.movable)
+    splats = [f"splat.{kind}" for kind in ["compressed.ply"] + ["ply"] * exact]
+    for name in splats:
+        write_splats(folder / name, live.splats, name.removeprefix("splat."))
+    contents = {name: content for name, content in _contents(live).items() if content is not None}
+    moved = {} if live.objects is None else _splats_of(live.objects)
+    lights: dict[str, PortableLight | OfferedLight] = dict(zip(light_files(live), live.lights, strict=True))
+    lights |= dict(zip(offered_files(live), live.offered, strict=True))
     for name, content in contents.items():
         (folder / name).write_bytes(content)
-    names = [f"splat.{kind}" for kind in kinds] + list(contents)
-    for number, each in enumerate(() if live.objects is None else live.objects.movable):
-        if each.splats is not None:
-            names.append(each.file_of_splats(number))
-            write_splats(folder / names[-1], each.splats, "compressed.ply")
-    for file, light in zip(light_files(live), live.lights, strict=True):
-        (folder / file).parent.mkdir(exist_ok=True)
-        (folder / file).write_bytes(rgbe(light.image).tobytes())
-        names.append(file)
-    for file, offered in zip(offered_files(live), live.offered, strict=True):
-        (folder / file).write_bytes(rgbe(offered.image).tobytes())
-        names.append(file)
+    for name, moving in moved.items():
+        write_splats(folder / name, moving, "compressed.ply")
+    for name, light in lights.items():
+        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).write_bytes(rgbe(light.image).tobytes())
     write_proxy(folder / "proxy.glb", *live.proxy)
-    splats = [
-        {"file": f"splat.{kind}", "sha256": sha256(folder / f"splat.{kind}"), "count": len(live.splats)}
-        for kind in kinds
-    ]
-    (folder / META).write_text(json.dumps(described(live, splats), indent=1) + "\n", encoding="utf-8")
-    return [META, *names, "proxy.glb"]
+    entries = [{"file": name, "sha256": sha256_of(folder / name), "count": len(live.splats)} for name in splats]
+    (folder / META).write_text(json.dumps(described(live, entries), indent=1) + "\n", encoding="utf-8")
+    return [META, *splats, *contents, *moved, *lights, "proxy.glb"]
+
+
+def _contents(live: "Live") -> dict[str, bytes | None]:
+    """The bytes of each file; None where a Live has none."""
+    objects = live.objects
+    movable = () if objects is None else objects.movable
+    return {
+        "transfer.bin": live.transfer.tobytes(),
+        "surface.bin": live.surfaces.packed.tobytes(),
+        "basis.bin": live.basis.tobytes(),
+        "terms.bin": b"".join(term.tobytes() for term in live.terms) if live.terms else None,
+        GLOSS_FILE: None if live.gloss is None else live.gloss.tobytes(),
+        GROUND_FILE: None if live.ground is None else live.ground.tobytes(),
+        OBJECTS_FILE: None if objects is None else objects.tobytes(),
+        MESH: None if objects is None else objects.glb or None,
+        MOVABLE_FILE: b"".join(each.tobytes() for each in movable) if movable else None,
+    }
+
+
+def _splats_of(objects: "LiveObjects") -> dict[str, Splats]:
+    """The splats of each object that is of splats, by the name of their file."""
+    named = ((each.file_of_splats(number), each.splats) for number, each in enumerate(objects.movable))
+    return {name: splats for name, splats in named if splats is not None}
 
 
 def described(live: "Live", splats: list[dict[str, Any]]) -> dict[str, Any]:
@@ -156,12 +162,3 @@ def light_files(live: "Live") -> list[str]:
 def offered_files(live: "Live") -> list[str]:
     """Names of the images of likely lights of the capture."""
     return [f"lights/offered{number}.rgbe" for number in range(len(live.offered))]
-
-
-def sha256(path: Path) -> str:
-    """SHA-256 of a file, as a hex string."""
-    digest = hashlib.sha256()
-    with open(path, "rb") as file:
-        while block := file.read(1 << 20):
-            digest.update(block)
-    return digest.hexdigest()

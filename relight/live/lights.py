@@ -11,6 +11,7 @@ from splat2mesh.scene.color import luminance
 from ..light import CAPTURED, SUN_TOLERANCE
 from ..light.environment import Environment
 from ..light.pooling import pooled
+from ..light.projections import texel_directions
 from ..light.sun_split import split
 from ..light.suns import Suns
 from ..sh import harmonics
@@ -123,8 +124,6 @@ def capture_light(response: Response, shares: Floats, lamps: float = 0.0) -> Por
         light[:, c] = np.linalg.solve(normal + np.diag(held), values.T @ left / shares.sum())
     if not (np.isfinite(light).all() and light[0].min() > 0.0):
         return None
-    from ..light.projections import texel_directions
-
     image = np.maximum(evaluate(texel_directions(*IMAGE).reshape(-1, 3), BANDS) @ light, 0.0)
     mean = float(light[0] @ [0.2126, 0.7152, 0.0722]) / np.sqrt(4.0 * np.pi)
     image = image.reshape(*IMAGE, 3).astype(np.float32)

@@ -1,6 +1,5 @@
 """A scene's splats, ready for any light: compressed responses, surfaces, and the initial lights."""
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -8,26 +7,23 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from splat2mesh.base.arrays import Faces, Floats, Indices, Matrix4, Points, Radiance
-from splat2mesh.base.errors import DataWarning, InputError
-from splat2mesh.scene.color import luminance
+from splat2mesh.base.arrays import Faces, Floats, Indices, Matrix4, Points
+from splat2mesh.base.errors import InputError
 from splat2mesh.scene.scene import Scene
-from splat2mesh.splats.splats import SH_C0, Splats
+from splat2mesh.splats.splats import Splats
 from splat2mesh.surface.decimate import decimate
 
 from ..light.environment import Environment
 from ..splats.binding import Binding
-from ..splats.light_ratio import CURVE_OFFSET, CURVE_POWER
-from ..splats.mirrored_places import Mix
 from ..splats.sky import shown_as_sky
-from .basis import Basis, Packed, packed, reduced, usual_moment
-from .compression import Compressed, choices_for, cluster_centers, compress
+from .basis import Packed, packed
+from .compression import Compressed
 from .ground import ShadowedGround
-from .harmonics import turned
 from .lights import PortableLight, capture_light, light_of
 from .objects import LiveObjects
 from .offered import OfferedLight
-from .response import BANDS, COEFFICIENTS, LAMPS, SPREAD_BANDS, Response, assumed_response, light_vector, response_of
+from .response import BANDS, COEFFICIENTS, SPREAD_BANDS, Response, assumed_response, response_of
+from .rows import CapturedColors, lit_rows, turned_vectors
 from .shine import BundleRows, Shine, shine_of
 from .surface import LIT, SKY, UNLIT, Surfaces, surfaces
 from .terms import Source, Term, term_of
@@ -46,12 +42,6 @@ BYTES_TOLERANCE = 0.03
 PROXY_VERTICES = 50_000
 """Triangles of the mesh that occludes suns, blocks a walker and receives shadows: 1.8 MB."""
 
-HOPELESS = 2.0
-"""Factor on the tolerance above which more clusters cannot help: sixteen times as many halve the error."""
-
-ANGLES_DEG = (0.0, 90.0, 180.0, 270.0)
-"""Angles of the lights under which the error of the bytes is measured."""
-
 FIRST_FOV_DEG = 60.0
 """Field of view along the longer side of the window, for objects."""
 
@@ -60,8 +50,6 @@ SOLID, LEAST_SOLID = 0.3, 100
 
 STRAY_PERCENTILES, BOX_MARGIN = (0.5, 99.5), 0.02
 """Splats beyond these percentiles along an axis are strays; the margin of the box, in diagonals."""
-
-_BATCH = 1 << 16
 
 
 class Live(NamedTuple):
@@ -116,87 +104,72 @@ class LiveScene:
     assumed: bool = False
     mirror: "FloorMirror | None" = None
 
+    @property
+    def lit(self) -> "Relighter":
+        """The Relighter of the scene as it is lit."""
+        return self.relighter if self.room is None else self.room.lit
+
+    @property
+    def lamps(self) -> float | None:
+        """The factor on the lamps of a room; None without any, and where they are part of the captured light, to which
+        no environment adds."""
+        room = self.room
+        if room is None or not room.lamps_found or (self.sources and not room.lets_in and not self.assumed):
+            return None
+        return room.lamp_factor
+
+
+class LiveSettings(NamedTuple):
+    """tolerance: relative error that the bytes may add. sky: of `splats.SKIES`. seed: of all that is sampled."""
+
+    tolerance: float | None = None
+    sky: str = "new"
+    seed: int = 0
+
+
+DEFAULTS = LiveSettings()
+
 
 def live_of(
     shown: LiveScene,
     environments: Sequence[tuple[Environment, float] | tuple[Environment, float, float]],
     settings: "Settings",
-    tolerance: float | None = None,
-    sky: str = "new",
-    seed: int = 0,
+    how: LiveSettings = DEFAULTS,
 ) -> Live:
     """The Live of a scene.
 
     environments: list of (Environment, display value per radiance) and, in rooms, the factor on their lamps. settings:
-    Settings whose rays and bounces apply, in 10 bands. tolerance: relative error that the bytes may add. sky: of
-    `splats.SKIES`. Raises InputError without splats to light.
+    Settings whose rays and bounces apply, in 10 bands. Raises InputError without splats to light.
     """
-    relighter, appearance, splats = shown.relighter, shown.appearance, shown.splats
-    room, sources, scene, assumed = shown.room, shown.sources, shown.relighter.scene, shown.assumed
-    lit = relighter if room is None else room.lit
-    lamps = room.lamp_factor if room is not None and room.lamps_found else None
-    if sources and room is not None and not room.lets_in and not assumed:
-        lamps = None  # they are part of the captured light, to which no environment adds
+    splats, scene, stages = shown.splats, shown.relighter.scene, shown.relighter.stages
+    capture = shown.appearance.capture
     if not len(splats):
         raise InputError("there are no splats to light")
-    kinds = np.full(len(splats), LIT, np.uint8)
     order = _spatial_order(splats)
-    binding = Binding(splats, scene, views=(), seed=seed).mirroring(shown.mirror, scene)
-    kinds[~binding.lit] = UNLIT
-    if appearance.as_captured and not sources and not assumed:
-        kinds[:] = UNLIT
-    if sky != "keep":
-        kinds[shown_as_sky(splats, scene, appearance, shown.mirror)] = SKY
+    binding = Binding(splats, scene, views=(), seed=how.seed).mirroring(shown.mirror, scene)
+    kinds = _kinds(shown, binding, how.sky)
     shares = (binding.surface.areas / np.bincount(binding.surface.node))[binding.surface.node]
-    with relighter.stages.stage("response"):
-        known = room if room is not None and appearance.room is not None and not appearance.as_captured else None
-        if assumed and room is not None:
-            response = assumed_response(appearance, shares, room)
-        elif appearance.as_captured and sources:
-            response = _unchanged(len(shares))
-        else:
-            response = response_of(lit, appearance, settings._replace(bands=BANDS), shares, known)
-        lights = [light_of(*each) for each in environments]
-        if not sources:  # which have the captured light itself
-            captured = capture_light(response, np.maximum(shares, 1e-12 * shares.max()), lamps or 0.0)
-            lights += [captured] if captured is not None and not appearance.as_captured else []
-        vectors = _turned_vectors(lights)
+    with stages.stage("response"):
+        response = _response(shown, settings, shares)
+        lights = [light_of(*each) for each in environments] + _captured_light(shown, response, shares)
+        vectors = turned_vectors(lights)
         truth = np.einsum("vkc,tkc->vtc", response.values, vectors, optimize=True)
-    with relighter.stages.stage("spread"):
-        brightness = 1.0 if appearance.capture is None else float(appearance.capture["brightness"])
-        even = np.sqrt(4.0 * np.pi) * (response.values[:, 0] + response.values[:, BANDS**2])  # under a constant sky
-        even = np.maximum(brightness * even + response.values[:, LAMPS], np.float32(1e-3))
-        counts: Floats = shares * _visible_error(even, appearance.captured)
-        moment = usual_moment(brightness)
-        rows, basis = reduced(response.values, counts, moment)
-        rows, counts = _rows_and_counts(binding, rows, even, splats, basis.by_color(moment))
-        every = slice(None, None, -(-len(rows) // _BATCH))
-        truth = np.stack([binding.spread(each)[every] for each in np.moveaxis(truth, 1, 0)], axis=1)
-    with relighter.stages.stage("compress"):
-        allowed = BYTES_TOLERANCE if tolerance is None else tolerance
-        found, errors = _compressed(rows, counts, basis, vectors, truth, every, allowed, seed)
-    with relighter.stages.stage("surface"):
-        foliage = lit.precomputed.foliage if settings.volume else None
+    with stages.stage("spread"):
+        brightness = 1.0 if capture is None else float(capture["brightness"])
+        known = CapturedColors(splats, shown.appearance.captured, shares, brightness)
+        rows, basis = lit_rows(binding, response, known, vectors, truth)
+    with stages.stage("compress"):
+        found, errors = rows.compressed(basis, BYTES_TOLERANCE if how.tolerance is None else how.tolerance, how.seed)
+    with stages.stage("surface"):
+        foliage = shown.lit.precomputed.foliage if settings.volume else None
         surface = surfaces(binding, splats.means, scene, response.own, kinds, foliage)
-        vertices, faces = decimate(lit.scene.vertices.astype(np.float64), lit.scene.faces, PROXY_VERTICES)
-    transfer = np.zeros((len(splats), 2 + found.weights.shape[1]), np.uint8)
-
-    def of_splats(values: NDArray[np.float32]) -> NDArray[np.float32]:
-        spread = np.zeros((len(splats), 3), np.float32)
-        spread[binding.lit] = np.maximum(binding.spread(values), 0.0)
-        spread[kinds != LIT] = 0.0
-        return spread[order]
-
-    before = appearance.captured, appearance.irradiance
-    terms = [term_of(each, *before, shares, of_splats) for each in sources]
-    bytes_ = np.concatenate([found.cluster.astype("<u2")[:, None].view(np.uint8), found.weights.view(np.uint8)], axis=1)
-    transfer[binding.lit] = bytes_
-    capture = appearance.capture
+        mesh = shown.lit.scene
+        vertices, faces = decimate(mesh.vertices.astype(np.float64), mesh.faces, PROXY_VERTICES)
     near = splats.means[binding.lit & (kinds != SKY)]
     return Live(
         splats=splats.take(order),
         order=order,
-        transfer=transfer[order],
+        transfer=_bytes(found, binding.lit)[order],
         basis=packed(basis, found),
         surfaces=surface._replace(packed=surface.packed[order]),
         lights=lights,
@@ -208,10 +181,59 @@ def live_of(
         middle=np.median(near, axis=0).astype(np.float64) if len(near) else np.zeros(3),
         source={name: scene.source[name] for name in ("file", "sha256") if name in scene.source},
         camera=_first_view(scene, splats, vertices),
-        lamps=lamps,
-        terms=terms,
+        lamps=shown.lamps,
+        terms=_terms(shown, binding, shares, kinds, order),
         gloss=_shine(binding, shown, kinds == LIT, order),
     )
+
+
+def _kinds(shown: LiveScene, binding: Binding, sky: str) -> NDArray[np.uint8]:
+    """The kind of each splat, (N,)."""
+    look = shown.appearance
+    kinds = np.full(len(shown.splats), LIT, np.uint8)
+    kinds[~binding.lit] = UNLIT
+    if look.as_captured and not shown.sources and not shown.assumed:
+        kinds[:] = UNLIT
+    if sky != "keep":
+        kinds[shown_as_sky(shown.splats, shown.relighter.scene, look, shown.mirror)] = SKY
+    return kinds
+
+
+def _response(shown: LiveScene, settings: "Settings", shares: Floats) -> Response:
+    look, room = shown.appearance, shown.room
+    if shown.assumed and room is not None:
+        return assumed_response(look, shares, room)
+    if look.as_captured and shown.sources:
+        return _unchanged(len(shares))
+    known = room if look.room is not None and not look.as_captured else None
+    return response_of(shown.lit, look, settings._replace(bands=BANDS), shares, known)
+
+
+def _captured_light(shown: LiveScene, response: Response, shares: Floats) -> list[PortableLight]:
+    """The captured light as one of the lights, where it can be and no term is it."""
+    if shown.sources or shown.appearance.as_captured:
+        return []
+    captured = capture_light(response, np.maximum(shares, 1e-12 * shares.max()), shown.lamps or 0.0)
+    return [] if captured is None else [captured]
+
+
+def _terms(shown: LiveScene, binding: Binding, shares: Floats, kinds: NDArray[np.uint8], order: Indices) -> list[Term]:
+    def of_splats(values: NDArray[np.float32]) -> NDArray[np.float32]:
+        spread = np.zeros((len(kinds), 3), np.float32)
+        spread[binding.lit] = np.maximum(binding.spread(values), 0.0)
+        spread[kinds != LIT] = 0.0
+        return spread[order]
+
+    before = shown.appearance.captured, shown.appearance.irradiance
+    return [term_of(each, *before, shares, of_splats) for each in shown.sources]
+
+
+def _bytes(found: Compressed, lit: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """Cluster and weights of each splat, (N, 2 + W) uint8, 0 where it is not lit."""
+    transfer = np.zeros((len(lit), 2 + found.weights.shape[1]), np.uint8)
+    cluster = found.cluster.astype("<u2")[:, None].view(np.uint8)
+    transfer[lit] = np.concatenate([cluster, found.weights.view(np.uint8)], axis=1)
+    return transfer
 
 
 def _shine(binding: Binding, shown: LiveScene, lit: NDArray[np.bool_], order: Indices) -> Shine | None:
@@ -228,80 +250,6 @@ def _unchanged(count: int) -> Response:
     """The Response of vertices that no environment changes."""
     nothing = np.zeros((count, 3), np.float32)
     return Response(np.zeros((count, COEFFICIENTS, 3), np.float32), nothing, np.zeros((SPREAD_BANDS**2 + 1, 3)))
-
-
-def _rows_and_counts(
-    binding: Binding, rows: NDArray[np.float32], even: NDArray[np.float32], splats: Splats, mix: Mix
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Rows (N, D) float32 of the lit splats from those of the vertices, and the visual weight of their errors, (N,).
-
-    even: (V, 3) light ratio under a constant sky. mix: of rows.
-    """
-    parts = 4 if binding.mirrored is None else 1  # to save memory; colours of a row are in all of it
-    rows = np.concatenate([binding.spread(part, mix) for part in np.array_split(rows, parts, axis=1)], axis=1)
-    lit = splats if binding.lit.all() else splats.take(binding.lit)
-    color = np.clip(SH_C0 * lit.sh[:, 0] + 0.5, 0.0, 1.0)
-    return rows, _visible_error(binding.spread(even), color, lit.opacities).astype(np.float32)
-
-
-def _visible_error(ratio: Radiance, color: Radiance, opacity: Floats | float = 1.0) -> Floats:
-    """Weight of a squared error of the ratio, (N,)."""
-    ratio = luminance(np.maximum(ratio, 1e-3))
-    return opacity * ((luminance(color) + CURVE_OFFSET) * ratio ** (1.0 / CURVE_POWER - 1.0)) ** 2
-
-
-def _turned_vectors(lights: Sequence[PortableLight]) -> NDArray[np.float32]:
-    """The vectors of lights at ANGLES_DEG, (T, COEFFICIENTS, 3) float32."""
-    vectors = []
-    for light in lights:
-        for angle in ANGLES_DEG:
-            rest, whole = (light.exposure * turned(each, angle) for each in (light.rest, light.whole))
-            vectors.append(light_vector(rest, whole, light.lamps))
-    return np.stack(vectors).astype(np.float32)
-
-
-def _compressed(
-    rows: NDArray[np.float32],
-    counts: Floats,
-    basis: Basis,
-    vectors: NDArray[np.float32],
-    truth: Floats,
-    every: slice,
-    tolerance: float,
-    seed: int,
-) -> tuple[Compressed, list[dict[str, float]]]:
-    """The first of `choices_for` the rows within the tolerance, else the best; and a list of dicts with the bytes and
-    error of each choice tried. truth: (S, T, 3), light ratio of one row in `every` under lights of vectors (T, K, 3).
-    """
-    base, small = basis.colors(vectors)
-    size = np.sqrt(np.square(truth).mean(axis=(0, 2)))
-    tried: list[dict[str, float]] = []
-    best: tuple[float, Compressed] | None = None
-    centers: dict[int, NDArray[np.float32]] = {}
-    hopeless: set[int] = set()
-    for choice in choices_for(len(rows)):
-        if choice.weights in hopeless:
-            continue
-        if choice.clusters not in centers:
-            centers[choice.clusters] = cluster_centers(rows, counts, choice.clusters, seed)
-        found = compress(rows, counts, choice, seed, centers[choice.clusters])
-        off = base + np.einsum("nd,dtc->ntc", found.rows(every), small, optimize=True) - truth
-        error = float((np.sqrt(np.square(off).mean(axis=(0, 2))) / np.where(size > 0.0, size, 1.0)).max())
-        tried.append({"bytes": choice.bytes, "clusters": len(found.means), "error": error})
-        if best is None or error < best[0]:
-            best = error, found
-        if error <= tolerance:
-            break
-        if error > HOPELESS * tolerance:
-            hopeless.add(choice.weights)
-    else:
-        assert best is not None  # there is always a choice
-        warnings.warn(
-            f"the largest transfer leaves an error of {best[0]:.3f}, {tolerance:g} was requested",
-            DataWarning,
-            stacklevel=2,
-        )
-    return best[1], tried
 
 
 def _first_view(scene: Scene, splats: Splats, vertices: Points) -> dict[str, Any]:

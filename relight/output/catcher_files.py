@@ -18,7 +18,7 @@ from splat2mesh.splats.splats import SH_C0, Splats
 
 from ..splats import write_relit_ply
 from .inserted_picture import camera_of
-from .kinds import FILES
+from .kinds import FILES, PICTURE_SIZE
 from .picture import RelitPicture
 from .probe_files import write_exr
 
@@ -41,16 +41,15 @@ def write_catcher(
     relit: Splats,
     scene: Scene,
     inserted: "InsertedLight",
-    size: tuple[int, int],
     source: Path | None = None,
 ) -> list[str]:
     """Write the ratio of every splat, and a picture of it from the camera of inserted.png. Returns the names.
 
-    without, relit: Splats of the place, row by row, without and with what the objects change. size: of the picture, in
-    pixels. source: the file that they were read from, where it is one.
+    without, relit: Splats of the place, row by row, without and with what the objects change. source: the
+    file that they were read from, where it is one.
     """
     _write_splats(folder / FILES["catcher"], relit, ratios(without, relit), source)
-    picture = RelitPicture(scene, camera_of(inserted, scene), *size, samples=1)
+    picture = RelitPicture(scene, camera_of(inserted, scene), *PICTURE_SIZE, samples=1)
     write_exr(folder / PICTURE, {"RGB": seen_ratio(picture.seen(without), picture.seen(relit))})
     return [FILES["catcher"], PICTURE]
 

@@ -7,6 +7,7 @@ texture coordinates of a vertex are its pair, so a renderer interpolates the pai
 from typing import Any
 
 import numpy as np
+import pygltflib as gltf
 from numpy.typing import NDArray
 
 from splat2mesh.scene.glb import Glb, matt_white
@@ -19,8 +20,6 @@ _STEPS = 256
 
 def glossy_white(file: Glb) -> Any:
     """Add the picture to a file: a white material that shines as the texture coordinates of its vertices say."""
-    import pygltflib as gltf
-
     picture = np.zeros((2, _STEPS, 3), np.uint8)
     picture[:, :, 0], picture[:, :, 1], picture[1, :, 2] = 255, np.arange(_STEPS), 255
     view = file.data(png_bytes(picture))

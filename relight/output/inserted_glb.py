@@ -4,10 +4,10 @@ The light is in COLOR_0, which multiplies the picture of a material; materials a
 again. Values above 1 are clipped, as in `relit.glb`.
 """
 
-import os
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pygltflib as gltf
 from numpy.typing import NDArray
 
 from splat2mesh.base.gltf import GltfData
@@ -25,14 +25,13 @@ KEPT = "name", "alphaMode", "alphaCutoff", "doubleSided"
 """Fields of a material that stay as they are."""
 
 
-def write_inserted_glb(path: str | os.PathLike[str], inserted: "InsertedLight", exposure: float) -> int:
-    """Write the objects of an InsertedLight, in the frame of `relit.glb`. exposure: display value per unit of radiance.
+def inserted_glb(inserted: "InsertedLight", exposure: float) -> bytes:
+    """The file of the meshes of an InsertedLight, in the frame of `relit.glb`; empty without any.
 
-    Returns the number of vertices that are brighter than 1.
-    """
-    import pygltflib as gltf
-
+    exposure: display value per unit of radiance."""
     standing, clipped, first = inserted.standing, 0, 0
+    if all(each.splat is not None for each in standing.objects):
+        return b""
     file = Glb(extensionsUsed=[UNLIT], materials=[], textures=[], images=[], samplers=[])
     for number, each in enumerate(standing.objects):
         if each.splat is not None:
@@ -57,9 +56,7 @@ def write_inserted_glb(path: str | os.PathLike[str], inserted: "InsertedLight", 
             file.mesh(f"{number + 1} {each.name}", attributes, indices=indices, material=materials.of(part))
     if not file.document.images:
         file.document.textures, file.document.samplers = [], []
-    assert isinstance(file.document, gltf.GLTF2)
-    file.save(path, {"exposure": float(exposure), "clipped_vertices": clipped})
-    return clipped
+    return file.content({"exposure": float(exposure), "clipped_vertices": clipped})
 
 
 def _shown(part: Part, light: NDArray[np.float32], exposure: float) -> NDArray[np.float32]:
@@ -92,8 +89,6 @@ class _Materials:
         return self._known[key]
 
     def _made(self, part: Part) -> Any:
-        import pygltflib as gltf
-
         surface = gltf.PbrMetallicRoughness(baseColorFactor=[1.0] * 4, metallicFactor=0.0, roughnessFactor=1.0)
         made = gltf.Material(name="inserted", pbrMetallicRoughness=surface, extensions={UNLIT: {}})
         if self._data is None or part.material is None:
@@ -109,8 +104,6 @@ class _Materials:
         return made
 
     def _texture(self, index: int) -> int:
-        import pygltflib as gltf
-
         if index in self._textures:
             return self._textures[index]
         assert self._data is not None and self._pictures is not None  # of a part with a picture

@@ -14,6 +14,7 @@ from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.joining import joined
 from splat2mesh.splats.splats import SH_C0, Splats
 
+from ..insert.polished import images_of
 from ..light.tonemap import compress_highlights
 
 if TYPE_CHECKING:
@@ -55,8 +56,6 @@ def with_objects(
     parts = [splats] if put_in is None else [splats, put_in]
     parts += _drawn(inserted, exposure, view, scene, samples, None)
     if floor is not None:
-        from ..insert.polished import images_of
-
         parts += [] if put_in is None else [images_of(put_in, floor, scene)]
         parts += _drawn(inserted, exposure, view, scene, samples, floor)
     return joined(parts)

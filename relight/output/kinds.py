@@ -5,12 +5,14 @@ from typing import NamedTuple
 
 class Output(NamedTuple):
     """An output. file: its name. of_splats: whether it needs the splats of the scene. writer: what writes it and names
-    its files, a field of `results.OwnWriters`; "" for those that `results.Results` writes itself. options: fields of
-    the request that have a meaning with it alone. needs: a field without which it holds nothing, and why."""
+    its files, a key of `results.WRITERS`; "" for those that `results.Results` writes itself. relit: whether it shows
+    the splats, where there are any, in the new light. options: fields of the request that have a meaning with it alone.
+    needs: a field without which it holds nothing, and why."""
 
     file: str
     of_splats: bool = False
     writer: str = ""
+    relit: bool = False
     options: tuple[str, ...] = ()
     needs: tuple[str, str] | None = None
 
@@ -19,29 +21,30 @@ OUTPUTS = {
     "glb": Output("relit.glb", options=("live_mesh",)),
     "ply": Output("relit.ply"),
     "npy": Output("radiance.npy"),
-    "splat": Output("relit_splat.ply", True),
+    "splat": Output("relit_splat.ply", True, relit=True),
     "albedo-splat": Output("albedo_splat.ply", True, "engines"),
-    "splat-glb": Output("relit_splat.glb", True, "engines"),
-    "usd": Output("relit_splat.usdc", True, "engines"),
-    "png": Output("preview.png"),
-    "live": Output("live/live.json", True, "live", ("lights",)),
-    "web": Output("relit.html", True, "live", ("lights",)),
-    "probe": Output("probe.exr", True, "around", ("probe_at", "probes")),
+    "splat-glb": Output("relit_splat.glb", True, "engines", True),
+    "usd": Output("relit_splat.usdc", True, "engines", True),
+    "png": Output("preview.png", relit=True),
+    "live": Output("live/live.json", True, "live", options=("lights",)),
+    "web": Output("relit.html", True, "live", options=("lights",)),
+    "probe": Output("probe.exr", True, "around", True, ("probe_at", "probes")),
     "catcher": Output(
         "catcher.ply",
         True,
         "around",
+        True,
         needs=("inserted", "it holds the change that objects make; give an object, as `inserted`"),
     ),
     "clean-splat": Output("clean_splat.ply", True, "clean"),
-    "passes": Output("passes.exr", False, "passes", ("cameras", "color_space")),
+    "passes": Output("passes.exr", False, "passes", options=("cameras", "color_space")),
 }
 
 FILES = {word: each.file for word, each in OUTPUTS.items()}
 
 
 def written_by(writer: str) -> tuple[str, ...]:
-    """Return the words of what a field of `results.OwnWriters` writes."""
+    """Return the words of what a writer writes."""
     return tuple(word for word, each in OUTPUTS.items() if each.writer == writer)
 
 
@@ -50,8 +53,8 @@ def kinds_with(option: str) -> tuple[str, ...]:
     return tuple(word for word, each in OUTPUTS.items() if option in each.options)
 
 
-FOR_ENGINES, AROUND, WITHOUT_LIGHT = written_by("engines"), written_by("around"), written_by("clean")
-"""Kinds that other programs read; with the surrounding light; that do not depend on the light."""
+AROUND, WITHOUT_LIGHT = written_by("around"), written_by("clean")
+"""Kinds with the surrounding light; that do not depend on the light."""
 
 OF_SPLATS = tuple(word for word, each in OUTPUTS.items() if each.of_splats)
 """Kinds that need the splats of the scene."""
@@ -73,6 +76,9 @@ SUN = "sun"
 
 BAKED = ("texture", "transfer")
 """The outputs of `--bake`: textured meshes, and images of the transfer for shaders."""
+
+PICTURE_SIZE = 960, 720
+"""Of pictures, in pixels."""
 
 SHEET = "sheet.png"
 """The picture with all lights."""

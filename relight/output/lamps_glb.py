@@ -3,7 +3,12 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
+import pygltflib as gltf
+
 from splat2mesh.scene.glb import Glb
+
+from ..lamps.export import khr_lights
+from ..lamps.gltf_lights import PUNCTUAL
 
 if TYPE_CHECKING:
     from ..lamps.shapes import Lamp
@@ -23,11 +28,6 @@ def add_lamps(file: Glb, placed: PlacedLamps) -> None:
     """Add lamps to a document whose nodes stand in the frame of the scene; nothing where there are none."""
     if not placed.lamps:
         return
-    import pygltflib as gltf
-
-    from ..lamps.export import khr_lights
-    from ..lamps.gltf_lights import PUNCTUAL
-
     extension, nodes = khr_lights(placed.lamps, placed.names)
     document = file.document
     document.extensionsUsed.append(PUNCTUAL)

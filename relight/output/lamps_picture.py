@@ -6,20 +6,24 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from splat2mesh.render.raycaster import RayCaster
+
+from .kinds import PICTURE_SIZE
 from .picture import RelitPicture
 from .sheet import sheet
 
 if TYPE_CHECKING:
     from splat2mesh.scene.scene import Scene
 
-SIZE = 480, 360
+SIZE = PICTURE_SIZE[0] // 2, PICTURE_SIZE[1] // 2
 
 FOV_DEG = 70.0
 
 RING = 0.16
 """Radius of the ring about a lamp, of the picture's height."""
 
-INK = np.array([255, 90, 40], np.uint8)
+INK = (255, 90, 40)
+"""sRGB bytes of marks on a picture, which no surface has."""
 
 
 def lamps_picture(scene: "Scene", lamps: Sequence[dict[str, Any]]) -> NDArray[np.uint8]:
@@ -42,8 +46,6 @@ def lamps_picture(scene: "Scene", lamps: Sequence[dict[str, Any]]) -> NDArray[np
 
 def _best(eyes: NDArray[np.float64], place: NDArray[np.float64], scene: "Scene") -> NDArray[np.float64]:
     """The standpoint that sees a lamp well: neither from right below nor from far off, and with nothing in between."""
-    from splat2mesh.render.raycaster import RayCaster
-
     if not len(eyes):
         return np.asarray(scene.vertices.mean(axis=0), np.float64)
     toward = place - eyes

@@ -1,56 +1,50 @@
 """Write what is live, once for a scene: the bundle that loaders read, and the page that relights."""
 
-from collections.abc import Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from ..engine.light_mix import LightMix
+from splat2mesh.render.raycaster import RayCaster
+
+from ..engine.assumed_light import assumed_exposure
 from ..light import SUN_TOLERANCE
 from ..light.captured import CapturedLight
+from ..live.bundle import write_bundle
+from ..live.ground import ShadowedGround
+from ..live.lights import PortableLight, captured_alone, light_of
+from ..live.live import Live, LiveScene, LiveSettings, live_of
+from ..live.movable import movables_of
+from ..live.objects import LiveObjects, objects_of
+from ..live.offered import offered_lights
+from ..live.page import write_page
+from ..live.terms import sources_of
 from ..transfer.settings import BOUNCE_RAYS, BOUNCE_TOLERANCE, BOUNCES, Settings
-from .subject import WrittenScene
+from .catcher import Catcher
+from .inserted_glb import inserted_glb
+from .relit_splats import RelitSource
+from .subject import LitFolder, WrittenScene
 
 if TYPE_CHECKING:
     from ..engine.relighter import Relighter
     from ..light.environment import Environment
-    from ..live.objects import LiveObjects
 
 
 class LiveFiles:
-    """Writes live.json with its files, and the page.
+    """Writes live.json with its files, and the page. relit: of the same scene."""
 
-    written: with splats. mix: the light on the scene. others: lights beside the one shown first. tolerance: relative
-    error that the bytes may add.
-    """
+    def __init__(self, written: WrittenScene, relit: RelitSource) -> None:
+        assert written.source is not None and written.mix is not None  # else nobody asks
+        self._written, self._relit, self._splats = written, relit, written.source
+        self._relighter, self._appearance = written.relighter, written.appearance
+        # The captured light has a place of its own.
+        self._others = [each for each in written.asked.lights if not isinstance(each, CapturedLight)]
+        self._mix, self._room, self._exposed = written.mix, written.mix.room, written.mix.exposure_ev is not None
+        self._live: dict[bool, Live] = {}
 
-    def __init__(
-        self, written: WrittenScene, mix: LightMix, others: "Sequence[Environment]", tolerance: float | None = None
-    ) -> None:
-        assert written.splats is not None  # else nobody asks
-        self._relighter, self._appearance, self._splats = written.relighter, written.appearance, written.splats[0]
-        self._others = [each for each in others if not isinstance(each, CapturedLight)]  # which has a place of its own
-        self._mix, self._room, self._exposed = mix, mix.room, mix.exposure_ev is not None
-        self._tolerance, self._sky, self._seed = tolerance, written.sky, written.seed
-        self._gloss, self._mirror = written.gloss, written.mirror
-        self._live: dict[bool, Any] = {}
-
-    def write(
-        self,
-        folder: Path,
-        light: "Environment",
-        exposure: float,
-        kinds: Sequence[str],
-        objects: "LiveObjects | None" = None,
-    ) -> tuple[list[str], dict[str, Any]]:
-        """Write the files of `kinds` into an existing folder; return their names and their entry in the report.
-
-        light: the one shown first, at its angle. exposure: of it. objects: inserted ones in it, by rows of the splats.
-        """
-        from ..live.bundle import write_bundle
-        from ..live.page import write_page
-
+    def write(self, into: LitFolder) -> list[str]:
+        """Write them, with their entry in the report; returns the names of the files."""
+        folder, light, kinds = into.path, into.shaded.light, self._written.asked.kinds
+        objects = self._objects(into)
         live = self._prepared(light)
-        live = live._replace(lights=[self._shown(light, exposure), *live.lights])
+        live = live._replace(lights=[self._shown(light, into.shaded.exposure), *live.lights])
         if objects is not None:
             live = live._replace(objects=objects.in_order(live.order))
         names = []
@@ -61,14 +55,21 @@ class LiveFiles:
             if "web" in kinds:
                 names += write_page(folder, live, light.rotation_deg)
         tried = live.errors[-1]
-        return names, {"splats": len(live.splats), "bytes": tried["bytes"], "error": round(tried["error"], 5)}
+        into.facts["live"] = {"splats": len(live.splats), "bytes": tried["bytes"], "error": round(tried["error"], 5)}
+        return names
 
-    def _prepared(self, light: "Environment") -> Any:
+    def _objects(self, into: LitFolder) -> LiveObjects | None:
+        """The inserted objects in the form of the page and the bundle, or None."""
+        shaded = into.shaded
+        if shaded.inserted is None:
+            return None
+        relit = self._relit.relit(shaded) if into.relit is None else into.relit
+        content = inserted_glb(shaded.inserted, shaded.exposure)
+        movable = movables_of(shaded.inserted, shaded.exposure)
+        return objects_of(self._relit.without_objects(shaded), relit, content, shaded.light.rotation_deg, movable)
+
+    def _prepared(self, light: "Environment") -> Live:
         """All but the light that is shown first."""
-        from ..live.live import LiveScene, live_of
-        from ..live.offered import offered_lights
-        from ..live.terms import sources_of
-
         mixes = self._mix.under(light).kind.adds
         if mixes not in self._live:
             others = {each.name: each for each in self._others if each.name != light.name}
@@ -90,29 +91,24 @@ class LiveFiles:
                 self._splats,
                 self._room,
                 sources_of(self._mix) if mixes else (),
-                None if self._gloss is None else self._gloss.textured(self._appearance),
+                None if self._written.gloss is None else self._written.gloss.textured(self._appearance),
                 self._mix.assumes,
-                self._mirror(),
+                self._written.mirror(),
             )
-            found = live_of(shown, lights, settings, self._tolerance, self._sky, self._seed)
+            asked = self._written.asked
+            found = live_of(shown, lights, settings, LiveSettings(asked.tolerance, asked.sky, asked.seed))
             offered = offered_lights(self._relighter, self._appearance)
             found = found._replace(ground=self._ground(), offered=offered)
             self._live[mixes] = self._mixed(found, light) if mixes else found
         return self._live[mixes]
 
-    def _ground(self) -> Any:
+    def _ground(self) -> ShadowedGround | None:
         """The ground under an object, as in its picture; None in a place, which has its own."""
-        from splat2mesh.render.raycaster import RayCaster
-
-        from .catcher import Catcher
-
         scene = self._relighter.scene
         return None if scene.is_place else Catcher(scene, RayCaster(scene.vertices, scene.faces)).ground()
 
-    def _shown(self, light: "Environment", exposure: float) -> Any:
+    def _shown(self, light: "Environment", exposure: float) -> PortableLight:
         """The light that is shown first, not turned, and what is beside it."""
-        from ..live.lights import captured_alone, light_of
-
         if isinstance(light, CapturedLight):
             return captured_alone(self._mix.under(light).captured_factor, exposure)
         if self._mix.assumes:
@@ -126,10 +122,8 @@ class LiveFiles:
         radiance = None if known else self._lit.shading(light, self._appearance.albedo).radiance
         return self._beside(found, light, exposure / self._mix.level(radiance, light))
 
-    def _mixed(self, live: Any, first: "Environment") -> Any:
+    def _mixed(self, live: Live, first: "Environment") -> Live:
         """A Live whose lights have the requested light beside them, and the captured light, unless it comes first."""
-        from ..live.lights import captured_alone
-
         by_name = {each.name: each for each in self._others}
         lights = live.lights
         if not self._mix.assumes:  # by which no light has another beside it
@@ -138,7 +132,7 @@ class LiveFiles:
             lights.append(captured_alone(self._mix.under(CapturedLight()).captured_factor))
         return live._replace(lights=lights)
 
-    def _beside(self, found: Any, light: "Environment", unit: float = 1.0) -> Any:
+    def _beside(self, found: PortableLight, light: "Environment", unit: float = 1.0) -> PortableLight:
         """A Light with the light beside it. An environment without effect shows only through windows."""
         captured = self._mix.under(light).captured_factor
         scale = captured if self._appearance.as_captured else self._mix.options.env_scale
@@ -146,8 +140,6 @@ class LiveFiles:
 
     def _assumed_light(self, light: "Environment", exposure: float) -> tuple[float, float]:
         """Display value per radiance by that assumption, and the factor on lamps, of what is shown at an exposure."""
-        from ..engine.assumed_light import assumed_exposure
-
         assert self._room is not None
         lamps = self._room.lamp_factor if self._room.lamps_found else 0.0
         return exposure * assumed_exposure(light, self._mix.options.env_scale), exposure * lamps

@@ -7,7 +7,9 @@ import os
 import warnings
 from typing import TYPE_CHECKING, Any
 
+import imageio.v3 as iio
 import numpy as np
+import pygltflib as gltf
 from numpy.typing import NDArray
 
 from splat2mesh.base.errors import DataWarning, InputError
@@ -109,8 +111,6 @@ def check_image(path: str | os.PathLike[str]) -> str:
 
 
 def _write_image(path: str | os.PathLike[str], image: NDArray, kind: str) -> None:
-    import imageio.v3 as iio
-
     packed = iio.imwrite("<bytes>", image, extension=kind, **IMAGES[kind])  # a file would be its own to close
     with staged_file(path) as staging:
         staging.write_bytes(packed)
@@ -144,8 +144,6 @@ def unit_normals(normals: NDArray) -> NDArray[np.float32]:
 
 def _unlit_material() -> Any:
     """White times COLOR_0 and no shading: the light is in the vertices already."""
-    import pygltflib as gltf
-
     surface = gltf.PbrMetallicRoughness(baseColorFactor=[1.0, 1.0, 1.0, 1.0], metallicFactor=0.0, roughnessFactor=1.0)
     return gltf.Material(
         name="relit", pbrMetallicRoughness=surface, doubleSided=True, extensions={"KHR_materials_unlit": {}}

@@ -4,7 +4,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
 
+from .kinds import PICTURE_SIZE
+from .lamps_picture import INK
 from .picture import RelitPicture
 from .preview import NOWHERE
 
@@ -12,15 +15,11 @@ if TYPE_CHECKING:
     from splat2mesh.render.view import View
     from splat2mesh.scene.scene import Scene
 
-SIZE = 960, 720
-
 ANCHOR = 0.5, 0.7
 """Position of the arrow's middle, in widths and heights of the picture: on the ground in front of the middle."""
 
 LENGTH = 0.2
 """Length of the arrow, over its distance from the camera."""
-
-INK = (255, 90, 40)
 
 OUTLINE = np.array(
     [[0.5, 0.0], [0.1, 0.22], [0.1, 0.07], [-0.5, 0.07], [-0.5, -0.07], [0.1, -0.07], [0.1, -0.22]], np.float64
@@ -51,9 +50,7 @@ def north_picture(
     radiance: (V, 3) float32, linear, in which the mesh is drawn. north_deg: as of `north`. camera: as of `Preview`;
     that of the preview without.
     """
-    from PIL import Image, ImageDraw, ImageFont
-
-    picture = RelitPicture(scene, camera, *SIZE)
+    picture = RelitPicture(scene, camera, *PICTURE_SIZE)
     image = Image.fromarray(np.array(picture.of_vertices(radiance, None, 1.0), np.uint8))
     view = picture.view
     anchor = _ground(view, picture.mesh.depth(), scene)
@@ -66,7 +63,7 @@ def north_picture(
     if (depth > NEAREST * length).all():
         draw = ImageDraw.Draw(image)
         draw.polygon([tuple(each) for each in pixels[:-1].tolist()], fill=INK)
-        draw.text(tuple(pixels[-1].tolist()), "N", INK, ImageFont.load_default(SIZE[1] // 24), anchor="mm")
+        draw.text(tuple(pixels[-1].tolist()), "N", INK, ImageFont.load_default(PICTURE_SIZE[1] // 24), anchor="mm")
     return np.asarray(image)
 
 

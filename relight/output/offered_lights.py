@@ -14,15 +14,13 @@ from ..engine.by_hand import LightByHand, can_be_set
 from ..engine.relighter import Relighter
 from ..light.environment import Environment
 from ..light.tonemap import compress_highlights
+from .sheet import INK
 
 MAP_PART = 0.26
 """Width of a light's map, of the picture's."""
 
 MARGIN = 6
 """Pixels around it."""
-
-FRAME = 225, 225, 230
-"""sRGB bytes of its rim."""
 
 MIDDLE = 0.5
 """Display value of the median luminance of a map's upper half."""
@@ -72,5 +70,5 @@ def _put_map(picture: NDArray[np.uint8], shown: NDArray[np.uint8]) -> None:
     """Put a map into the upper right corner of a picture, in place."""
     height, width = shown.shape[:2]
     right = picture.shape[1] - MARGIN
-    picture[MARGIN - 1 : MARGIN + height + 1, right - width - 1 : right + 1] = FRAME
+    picture[MARGIN - 1 : MARGIN + height + 1, right - width - 1 : right + 1] = INK
     picture[MARGIN : MARGIN + height, right - width : right] = shown

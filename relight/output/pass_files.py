@@ -4,24 +4,14 @@ The light that surfaces receive is stored per pixel as the factor from albedo to
 out by that path, over the albedo. So all passes together give the picture in any colour space, on edges too.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from functools import cached_property
-from pathlib import Path
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import NDArray
 
-from splat2mesh.render.view import View
-from splat2mesh.scene.scene import Scene
-
 from ..light.color_spaces import SPACES, converted
-from .kinds import FILES, SUN
+from .kinds import FILES, PICTURE_SIZE, SUN
 from .preview import Preview
 from .probe_files import write_exr
-
-if TYPE_CHECKING:
-    from ..engine.relighter import Shaded
+from .subject import LightParts, LitFolder, WrittenScene
 
 FOLDER = "passes"
 """Names of files with several cameras."""
@@ -29,55 +19,35 @@ FOLDER = "passes"
 BLACK = 1e-6
 """Albedo, premultiplied, below which a pixel does not show light."""
 
-LightParts = Mapping[str, NDArray[np.float32]]
-
 
 class PassFiles:
-    """Writes the passes of a scene, light after light.
+    """Writes the passes of a scene, light after light."""
 
-    albedo: returns (V, 3) linear, or None for white. parts: of a Shaded, what vertices send out, (V, 3), by the way
-    that its light came: those but `SUN`, which is a part of another, are all of it. views: returns those to render,
-    frame of the scene; None is the preview's. space: a key of SPACES.
-    """
+    def __init__(self, written: WrittenScene, _: object) -> None:
+        self._written, self._scene, self._space = written, written.scene, SPACES[written.asked.color_space]
 
-    def __init__(
-        self,
-        scene: Scene,
-        albedo: Callable[[], NDArray[np.float32] | None],
-        parts: "Callable[[Shaded], LightParts]",
-        views: Callable[[], Sequence[View] | None],
-        space: str = "srgb",
-    ) -> None:
-        self._scene, self._albedo, self._parts, self._views = scene, albedo, parts, views
-        self._space = SPACES[space]
+    def write(self, into: LitFolder) -> list[str]:
+        """Write them; returns the names of the files."""
+        assert self._written.light_parts is not None
+        with self._written.stages.stage("passes"):
+            exposure = np.float32(into.shaded.exposure)
+            parts = {name: part * exposure for name, part in self._written.light_parts(into.shaded).items()}
+            names, header = [], {"chromaticities": self._space.chromaticities}
+            pictures = self._pictures()
+            if len(pictures) > 1:
+                (into.path / FOLDER).mkdir(exist_ok=True)
+            for number, picture in enumerate(pictures, 1):
+                names.append(FILES["passes"] if len(pictures) == 1 else f"{FOLDER}/{number:04d}.exr")
+                write_exr(into.path / names[-1], self.channels(picture, parts), header)
+            return names
 
-    def write(self, folder: Path, shaded: "Shaded", size: tuple[int, int]) -> list[str]:
-        """Write them into a folder: names of the files. size: of the preview, in pixels."""
-        parts = {name: part * np.float32(shaded.exposure) for name, part in self._parts(shaded).items()}
-        names = []
-        header = {"chromaticities": self._space.chromaticities}
-        pictures = self._pictures(size)
-        if len(pictures) > 1:
-            (folder / FOLDER).mkdir(exist_ok=True)
-        for number, picture in enumerate(pictures, 1):
-            names.append(FILES["passes"] if len(pictures) == 1 else f"{FOLDER}/{number:04d}.exr")
-            write_exr(folder / names[-1], self.channels(picture, parts), header)
-        return names
-
-    def _pictures(self, size: tuple[int, int]) -> list[Preview]:
-        first = Preview(self._scene, None, *size)
-        views = self._known_views
+    def _pictures(self) -> list[Preview]:
+        first, views = Preview(self._scene, None, *PICTURE_SIZE), self._written.pass_views()
         return [first] if views is None else [first.at(view) for view in views]
-
-    @cached_property
-    def _known_views(self) -> list[View] | None:
-        views = self._views()
-        return None if views is None else list(views)
 
     def channels(self, picture: Preview, parts: LightParts) -> dict[str, NDArray[np.float32]]:
         """The channels of a file, (H, W) float32 by name. parts: as shown, exposed."""
-        own = self._albedo()
-        albedo, alpha = picture.values(np.ones_like(self._scene.vertices) if own is None else own)
+        albedo, alpha = picture.values(self._written.albedo)
         albedo = converted(albedo, self._space)
         sent = {name: converted(picture.values(part)[0], self._space) for name, part in parts.items()}
         beauty = np.sum([each for name, each in sent.items() if name != SUN], axis=0)

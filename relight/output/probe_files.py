@@ -1,9 +1,11 @@
 """probe.exr: the light that arrives at a place, and a picture of a chrome and a grey ball in it."""
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+import OpenEXR
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Vector
@@ -31,22 +33,31 @@ ROWS_OF_GRID = 64
 """Size of the pictures of a grid's probes: enough for nine harmonics."""
 
 
+class ProbedScene(NamedTuple):
+    """Relit splats and their scene in a light, where probes stand. exposure: display value per unit of radiance."""
+
+    splats: Splats
+    scene: Scene
+    occluder: Occluder
+    light: Light
+    exposure: float
+
+    def picture(self, place: Vector, *rows: int) -> NDArray[np.float32]:
+        """The lat-long picture of the light at a place, frame of the splats."""
+        return probe(*self, place, *rows)
+
+
 def write_probes(
-    folder: Path,
-    splats: Splats,
-    scene: Scene,
-    occluder: Occluder,
-    light: Light,
-    exposure: float,
-    places: "list[Vector]",  # frame of the splats; the usual one without any
-    grid: ProbeGrid | None = None,  # in the box about the places
+    folder: Path, probed: ProbedScene, places: Sequence[Vector], grid: ProbeGrid | None = None
 ) -> list[str]:
     """Write a probe for each place: probe.exr, probe_2.exr ..., and pictures of their balls; of several places, and
-    of a grid, the light for engines. Returns the names."""
+    of a grid, the light for engines. Returns the names.
+
+    places: frame of the splats; the usual one without any. grid: in the box about the places."""
     names, images = [], []
     own = [] if grid is not None else places
-    for number, place in enumerate(own or [usual_place(scene, occluder)], 1):
-        image = probe(splats, scene, occluder, light, exposure, place)
+    for number, place in enumerate(own or [usual_place(probed.scene, probed.occluder)], 1):
+        image = probed.picture(place)
         images.append(image)
         stem = "probe" if number == 1 else f"probe_{number}"
         write_exr(folder / f"{stem}.exr", {"RGB": image})
@@ -54,17 +65,14 @@ def write_probes(
         names += [f"{stem}.exr", f"{stem}.png"]
 
     def light_at(number: int, place: Vector) -> NDArray[np.float32]:
-        if grid is None:
-            return images[number]
-        return probe(splats, scene, occluder, light, exposure, place, ROWS_OF_GRID)
+        return images[number] if grid is None else probed.picture(place, ROWS_OF_GRID)
 
-    return names + write_probe_set(folder, scene, occluder, places_of(grid, places, scene), light_at)
+    at = places_of(grid, places, probed.scene)
+    return names + write_probe_set(folder, probed.scene, probed.occluder, at, light_at)
 
 
 def write_exr(path: Path, channels: dict[str, NDArray], more: dict[str, Any] | None = None) -> None:
     """Write an OpenEXR file of float32 channels, (H, W, 3) or (H, W). more: attributes of its header."""
-    import OpenEXR
-
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage, **(more or {})}
     packed = {name: np.ascontiguousarray(each, np.float32) for name, each in channels.items()}
     with staged_file(path) as staging:

@@ -21,6 +21,7 @@ from ..gloss.scene_gloss import NewLight
 from ..insert.polished import floor_under, images_of
 from ..insert.shadowed import shadowed
 from ..light.environment import Environment
+from ..splats import write_relit_ply
 from ..splats.binding import ROUNDS, Binding
 from ..splats.light_ratio import Usual
 from ..splats.sky import FarSplats, far_splats
@@ -87,20 +88,18 @@ class RelitSource:
     """The splats of a written scene, in any of its lights."""
 
     def __init__(self, written: WrittenScene) -> None:
-        self._appearance, self._bound, self._gloss = written.appearance, written.binding, written.gloss
-        self._splats: Splats | None
-        self._splats, self._paths = written.splats or (None, [])
-        self._scene, self._stages, self._sky = written.relighter.scene, written.relighter.stages, written.sky
-        self._mirror, self._cache, self._lamp_light = written.mirror, written.relighter.cache, written.lamp_light
+        self._written, self._stages, self._cache = written, written.stages, written.relighter.cache
 
     @cached_property
     def _far(self) -> FarSplats:
-        assert self._splats is not None  # not called otherwise
-        return far_splats(self._splats, self._scene, self._appearance, self._mirror(), self._cache, self._sky)
+        written, splats = self._written, self._written.source
+        assert splats is not None  # not called otherwise
+        mirror = written.mirror()
+        return far_splats(splats, written.scene, written.appearance, mirror, self._cache, written.asked.sky)
 
     def relit(self, shaded: "Shaded") -> Splats:
         """The splats in the new light, row by row those of the source, in its frame."""
-        far, look, light, exposure = self._far, self._appearance, shaded.light, shaded.exposure
+        far, look, light, exposure = self._far, self._written.appearance, shaded.light, shaded.exposure
         factor = exposure * shaded.backdrop
         if look.capture is not None and look.as_captured and shaded.environment > 0.0:
             # The sky is as bright beside what was captured as it was then.
@@ -108,17 +107,17 @@ class RelitSource:
             if shaded.shading.received is None:
                 return far.under(far.source, light, factor)
             factor *= float(luminance(assumed_change(light)))
-        gloss, received = self._gloss, self.received(shaded.shading)
-        mirrored = None if gloss is None else NewLight.of(shaded, received, self._lamp_light())
+        gloss, received = self._written.gloss, self.received(shaded.shading)
+        mirrored = None if gloss is None else NewLight.of(shaded, received, self._written.lamp_light())
         shining = None if gloss is None else partial(gloss.relit, look)
-        bound = BoundSplats(self._bound(), look.irradiance, far, shining, self.floor_under)
+        bound = BoundSplats(self._written.binding(), look.irradiance, far, shining, self.floor_under)
         return relit(
             bound, SplatLight(received, exposure, mirrored, shaded.inserted, light, factor), stages=self._stages
         )
 
     def floor_under(self, inserted: "InsertedLight", exposure: float) -> "FloorMirror | None":
         """The floor that mirrors, in the light on objects; None without one. exposure: of the light."""
-        mirror = self._mirror()
+        mirror = self._written.mirror()
         return None if mirror is None else floor_under(mirror, inserted, exposure)
 
     def put_in(self, inserted: "InsertedLight", exposure: float) -> Splats | None:
@@ -126,7 +125,7 @@ class RelitSource:
         splats, floor = inserted.splats_put_in(exposure), self.floor_under(inserted, exposure)
         if splats is None or floor is None:
             return splats
-        return joined([splats, images_of(splats, floor, self._scene)])
+        return joined([splats, images_of(splats, floor, self._written.scene)])
 
     def without_objects(self, shaded: "Shaded") -> Splats:
         """The splats in the new light without what objects change in it."""
@@ -137,14 +136,12 @@ class RelitSource:
     def received(self, shading: "Shading", exposure: float = 1.0) -> NDArray[np.float32]:
         """(V, 3) irradiance over pi, unit of the radiance."""
         known = shading.received
-        return self._appearance.received(shading.radiance, exposure) if known is None else known
+        return self._written.appearance.received(shading.radiance, exposure) if known is None else known
 
     def write(self, folder: Path, relit: Splats) -> list[str]:
         """The splats in the new light, also in the format of their source: names of files beyond FILES."""
-        from ..splats import write_relit_ply
-
         with self._stages.stage("write"):
-            source = self._paths[0] if len(self._paths) == 1 else None
+            source = self._written.source_file
             write_relit_ply(folder / FILES["splat"], relit, source)
             kind = kind_of(source) if source else "ply"
             if kind == "ply" or not can_hold(kind, relit):

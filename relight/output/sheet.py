@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
 
 MOST = 12
 """Pictures on a sheet: of more, an even choice."""
@@ -43,8 +44,6 @@ def _chosen(pictures: list[tuple[str, NDArray]]) -> list[tuple[str, NDArray]]:
 
 def _written(name: str, height: int, width: int) -> NDArray[np.uint8]:
     """A line of text, (height, width, 3) uint8."""
-    from PIL import Image, ImageDraw, ImageFont
-
     line = Image.new("RGB", (width, height), PAPER)
     font = ImageFont.load_default(max(round(0.6 * height), 8))
     ImageDraw.Draw(line).text((height // 3, height // 2), name, INK, font, anchor="lm")

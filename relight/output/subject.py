@@ -1,44 +1,123 @@
-"""The scene of the results, in the form that every writer takes."""
+"""What all writers of results take: the scene, the files to write, and a folder for those of one light."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
+import numpy as np
+from numpy.typing import NDArray
+
+from splat2mesh.base.arrays import Radiance, Vector
+from splat2mesh.base.progress import Stages
+from splat2mesh.render.view import View
+from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.splats import Splats
 
 from .lamps_glb import NO_LAMPS, PlacedLamps
 
 if TYPE_CHECKING:
     from ..engine.appearance import Appearance
+    from ..engine.light_mix import LightMix
     from ..engine.placed import LampLight
-    from ..engine.relighter import Relighter
+    from ..engine.relighter import Relighter, Shaded
     from ..gloss import SceneGloss
+    from ..insert.probe import Light
+    from ..insert.probe_grid import ProbeGrid
     from ..light.environment import Environment
     from ..splats.floor_mirror import FloorMirror
     from ..texture import Baked
 
+LightParts = Mapping[str, NDArray[np.float32]]
+"""Name of a path of light -> what vertices send out by it, (V, 3)."""
+
+
+@dataclass(frozen=True)
+class AskedFiles:
+    """The results to write, as of a request. kinds: words of `kinds.FILES`; `lights` are loaded."""
+
+    kinds: Sequence[str]
+    baked: Sequence[str] = ()
+    texture_size: int | None = None
+    live_mesh: bool = False
+    harmonics: str = "zero"
+    lights: "Sequence[Environment]" = ()
+    probe_at: Sequence[Vector] = ()
+    probe_grid: "ProbeGrid | None" = None
+    color_space: str = "srgb"
+    tolerance: float | None = None
+    sky: str = "new"
+    seed: int = 0
+
 
 @dataclass(frozen=True, eq=False)
 class WrittenScene:
-    """A scene, its source, and the light on it beside an environment.
+    """A scene, its source, the light on it beside an environment, and what is asked for.
 
     splats: (Splats, paths of their files), None where no result needs them. binding: returns the Binding of the splats;
-    called where splats are. sky: of `splats.SKIES`, for the far background of splats; "keep" keeps that of an albedo
-    splat as captured, else it is hidden. seed: of all that is sampled. lamps: function of a light and its exposure:
-    what was added to it. gloss: None where gloss stays as captured. lamp_light: returns
-    the LampLight of lamps beside every light, or None. mirror: returns the FloorMirror of the splats, or
-    None. texture: returns the Baked texture of mesh.glb, or None; made when it is needed without.
+    called where splats are. lamps: function of a light and its exposure: what was added to it. gloss: None where gloss
+    stays as captured. mix: all light. lamp_light: returns the LampLight of lamps beside every light, or None. mirror:
+    returns the FloorMirror of the splats, or None. texture: returns the Baked texture of mesh.glb, or None; made when
+    it is needed without. light_around: returns the Light of one of the lights. light_parts: of one of them, what
+    vertices send out by the way that its light came: those but `kinds.SUN`, which is a part of another, are all of it.
+    pass_views: returns the cameras of passes, frame of the scene; None is that of the preview.
     """
 
     relighter: "Relighter"
     appearance: "Appearance"
+    asked: AskedFiles
     splats: tuple[Splats, list[Path]] | None = None
     binding: Callable[[], Any] = lambda: None
-    sky: str = "new"
-    seed: int = 0
     lamps: Callable[["Environment", float], PlacedLamps] = lambda light, exposure: NO_LAMPS
     gloss: "SceneGloss | None" = None
+    mix: "LightMix | None" = None
     lamp_light: "Callable[[], LampLight | None]" = lambda: None
     mirror: Callable[[], "FloorMirror | None"] = lambda: None
     texture: Callable[[], "Baked | None"] | None = None
+    light_around: "Callable[[Shaded], Light] | None" = None
+    light_parts: "Callable[[Shaded], LightParts] | None" = None
+    pass_views: Callable[[], Sequence[View] | None] = lambda: None
+
+    @property
+    def scene(self) -> Scene:
+        """The scene."""
+        return self.relighter.scene
+
+    @property
+    def stages(self) -> Stages:
+        """What times the work."""
+        return self.relighter.stages
+
+    @property
+    def source(self) -> Splats | None:
+        """The splats, as captured."""
+        return None if self.splats is None else self.splats[0]
+
+    @property
+    def source_file(self) -> Path | None:
+        """The file that they were read from, where it is one."""
+        return None if self.splats is None or len(self.splats[1]) != 1 else self.splats[1][0]
+
+    @property
+    def albedo(self) -> Radiance:
+        """(V, 3) linear, white where it is that."""
+        look = self.appearance
+        return np.ones_like(look.captured) if look.albedo is None else look.albedo
+
+
+@dataclass(frozen=True, eq=False)
+class LitFolder:
+    """A folder that exists, for the results of one light. relit: the splats in it, where a result needs them. facts:
+    further entries of the report, to which writers add."""
+
+    path: Path
+    shaded: "Shaded"
+    relit: Splats | None = None
+    facts: dict[str, Any] = field(default_factory=dict)
+
+
+class FileWriter(Protocol):
+    """Writes kinds with files of their own, light after light."""
+
+    def write(self, into: LitFolder) -> list[str]:
+        """Write them; returns the names of the files."""

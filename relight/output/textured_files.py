@@ -5,7 +5,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import imageio.v3 as iio
 import numpy as np
+import OpenEXR
 from numpy.typing import NDArray
 
 from splat2mesh.base.errors import InputError
@@ -89,16 +91,12 @@ def write_transfer(
 
 def png_bytes(image: NDArray) -> bytes:
     """A picture (H, W, 3) uint8 as PNG."""
-    import imageio.v3 as iio
-
     file = io.BytesIO()
     iio.imwrite(file, image, extension=".png")
     return file.getvalue()
 
 
 def _write_exr(path: Path, image: NDArray) -> None:
-    import OpenEXR
-
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     with staged_file(path) as staging:
         OpenEXR.File(header, {"RGB": np.ascontiguousarray(image)}).write(str(staging))

@@ -1,6 +1,5 @@
 """The textures of a scene under one light after another: relit.glb by that of mesh.glb, and the files of --bake."""
 
-from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,16 +12,17 @@ from splat2mesh.scene.drawn import Drawn
 from splat2mesh.texture.glb import add_cards, jpeg_bytes, textured_glb
 from splat2mesh.texture.kept import added_part, textured_part
 
+from ..texture import Baked, bake, known_colors, own_texture
+from ..transfer.store import array_key
 from .lamps_glb import PlacedLamps, add_lamps
 from .relit_splats import RelitSource
-from .subject import WrittenScene
+from .subject import LitFolder, WrittenScene
 from .textured_files import png_bytes, write_textured_glb, write_transfer
 
 if TYPE_CHECKING:
     from splat2mesh.scene.mesh import Mesh
 
     from ..engine.relighter import Shaded
-    from ..texture import Baked
 
 FILES = "relit_texture.glb", "albedo_texture.glb"
 """Files of `--bake texture`."""
@@ -31,15 +31,14 @@ FILES = "relit_texture.glb", "albedo_texture.glb"
 class SceneTextures:
     """Textures without the light of the capture, each made when it is first needed, and their files.
 
-    relit: RelitSource of the same scene. size: side of the texture of --bake in texels; without, that of mesh.glb
-    serves, and where there is none one as fine as the splats.
+    relit: RelitSource of the same scene. Without the size of a texture for --bake that of mesh.glb serves, and where
+    there is none one as fine as the splats.
     """
 
-    def __init__(self, written: WrittenScene, relit: RelitSource, size: int | None) -> None:
-        self._relighter, self._appearance, self._gloss = written.relighter, written.appearance, written.gloss
-        self._splats = None if written.splats is None else written.splats[0]
-        self._relit, self._size, self._seed, self._begun = relit, size, written.seed, written.texture
-        self._scene, self._stages = self._relighter.scene, self._relighter.stages
+    def __init__(self, written: WrittenScene, relit: RelitSource) -> None:
+        self._written, self._relighter, self._appearance = written, written.relighter, written.appearance
+        self._relit, self._size, self._seed = relit, written.asked.texture_size, written.asked.seed
+        self._scene, self._stages = written.scene, written.stages
         self._drawn, self._part = Drawn(self._scene), textured_part(self._scene)
 
     @property
@@ -63,24 +62,24 @@ class SceneTextures:
         add_lamps(file, placed)
         file.save(path, {"exposure": float(exposure), **extras})
 
-    def write_baked(self, folder: Path, shaded: "Shaded", kinds: Sequence[str]) -> tuple[list[str], dict[str, Any]]:
-        """Write the textured meshes of --bake, relit and as albedo, and on request the transfer.
-
-        kinds: of `kinds.BAKED`. Returns the names of the files and their entry in the report.
-        """
-        baked, part, light = self._baked, self._part, shaded.light
+    def write(self, into: LitFolder) -> list[str]:
+        """Write the textured meshes of --bake, relit and as albedo, and on request the transfer; returns the names of
+        the files."""
+        folder, shaded, baked, part = into.path, into.shaded, self._baked, self._part
+        light = shaded.light
         with self._stages.stage("write"):
             extras = {"environment": light.name, "angle_deg": light.rotation_deg, "exposure": shaded.exposure}
             others, picture = self._without_texture(self._shown(shaded)), png_bytes(self.picture(shaded))
             write_textured_glb(folder / FILES[0], part.scene, baked, picture, extras=extras, others=others)
-            gloss = None if self._gloss is None else self._gloss.roughness(self._appearance)
+            gloss = None if self._written.gloss is None else self._written.gloss.roughness(self._appearance)
             gloss = None if gloss is None else part.values(gloss)
-            others, picture = self._without_texture(self._albedo), png_bytes(baked.relit())
+            others, picture = self._without_texture(self._written.albedo), png_bytes(baked.relit())
             write_textured_glb(folder / FILES[1], part.scene, baked, picture, False, gloss=gloss, others=others)
             names = list(FILES)
-            if "transfer" in kinds:
+            if "transfer" in self._written.asked.baked:
                 names += write_transfer(folder, baked, part.values(self._relighter.transfer))
-        return names, {"size": baked.atlas.size, "unseen_texels": baked.unseen}
+        into.facts["texture"] = {"size": baked.atlas.size, "unseen_texels": baked.unseen}
+        return names
 
     def painter(self, shaded: "Shaded") -> "tuple[Any, NDArray[np.uint8]]":
         """The Atlas of --bake and its picture under a light, (size, size, 3) uint8 sRGB."""
@@ -100,24 +99,14 @@ class SceneTextures:
         """Cards, and what was added after the texture was made, with what their vertices show, of (V, 3) linear."""
         return self._drawn.cards_in(shown) + added_part(self._scene, shown)
 
-    @property
-    def _albedo(self) -> Radiance:
-        look = self._appearance
-        return np.ones_like(look.captured) if look.albedo is None else look.albedo
-
     @cached_property
-    def _own(self) -> "Baked | None":
+    def _own(self) -> Baked | None:
         """The texture of mesh.glb, or None."""
-        from ..texture import own_texture
-
-        return (self._begun or own_texture(self._scene, self._appearance))()
+        return (self._written.texture or own_texture(self._scene, self._appearance))()
 
     @cached_property
-    def _baked(self) -> "Baked":
+    def _baked(self) -> Baked:
         """The texture of --bake: that of mesh.glb, or one from the cache if it was baked before."""
-        from ..texture import Baked, bake, known_colors
-        from ..transfer.store import array_key
-
         if self._size is None and self._own is not None:
             return self._own
         cache, scene = self._relighter.cache, self._part.scene
@@ -128,6 +117,6 @@ class SceneTextures:
         kept = cache.get("texels", key)
         if kept is not None:
             return Baked.of_arrays(kept)
-        made = bake(scene, self._splats, known, size=self._size, stages=self._stages, seed=self._seed)
+        made = bake(scene, self._written.source, known, size=self._size, stages=self._stages, seed=self._seed)
         cache.put("texels", key, **made.arrays())
         return made

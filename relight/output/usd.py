@@ -6,7 +6,7 @@ Source: OpenUSD 26.03 and later, usdVol ParticleField3DGaussianSplat, usdLux Dom
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,14 +37,20 @@ SEEN_TO = 3.0
 _LARGEST_HALF = np.float32(np.finfo(np.float16).max)
 
 
+class UsdLight(NamedTuple):
+    """A light, turned, with its exposure in display values per unit of radiance, and placed lamps beside it."""
+
+    light: "Environment"
+    exposure: float
+    placed: PlacedLamps = NO_LAMPS
+
+
 def write_usd(
     folder: Path,
     looks: Mapping[str, Splats],  # by name, the first one shown: as read, in their own frame, rows alike
     scene: "Scene",
     albedo: NDArray[np.float32],  # (V, 3) linear, shown on the proxy
-    light: "Environment",  # turned
-    exposure: float,  # display value per unit of radiance
-    beside: PlacedLamps = NO_LAMPS,  # placed lamps
+    lit: "UsdLight",
     gloss: NDArray[np.float32] | None = None,  # (V, 2) roughness and metalness of the proxy; no material without
 ) -> list[str]:
     """Write FILE, and LIGHT beside it, which FILE refers to. Returns their names.
@@ -56,7 +62,7 @@ def write_usd(
     that lights the look `albedo` the light itself. /World/Lamps has placed lamps, in the same
     display values. Raises InputError without usd-core of 26.03 or later.
     """
-    pxr = library()
+    pxr, light = library(), lit.light
     first = next(iter(looks.values()))
     rows = showable(first)
     shown = {name: placed(splats.take(rows), scene.scene_from_splat) for name, splats in looks.items()}
@@ -72,11 +78,11 @@ def write_usd(
         if gloss is not None:
             _define_gloss(pxr, stage, gloss)
         dome = pxr.UsdLux.DomeLight.Define(stage, "/World/Light")
-        dome.CreateIntensityAttr(float(exposure))
+        dome.CreateIntensityAttr(float(lit.exposure))
         dome.CreateTextureFileAttr(pxr.Sdf.AssetPath(f"./{LIGHT}"))
         dome.CreateTextureFormatAttr(pxr.UsdLux.Tokens.latlong)  # OpenEXR's layout, as ours: the centre looks at +z
         dome.AddRotateYOp().Set(float(light.rotation_deg))
-        define_lamps(stage, beside.lamps, beside.names)
+        define_lamps(stage, lit.placed.lamps, lit.placed.names)
         stage.GetRootLayer().Save()
         if named != staging:
             os.replace(named, staging)

@@ -43,6 +43,7 @@ NEAREST = 6
 FIRST_EYES = 8
 """Standpoints, those that show most, among which that of the picture is chosen."""
 
+
 WIDTH = 960
 """Pixels of the picture, as of the final one."""
 

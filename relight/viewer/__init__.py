@@ -45,7 +45,7 @@ def view(
 
     wishes: fields of SessionRequest, such as albedos and exposure, and of LightingOptions, such as tolerance, side by
     side. With `screenshot` no window opens: the picture is written when its light is complete. Raises InputError for
-    input that cannot be used, a missing PyVista and a missing display.
+    input that cannot be used, and for a missing display.
     """
     from ..output.mesh_files import check_image, write_image
     from .session import Session

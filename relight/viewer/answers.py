@@ -1,6 +1,5 @@
 """The worker's answers to a session: the newest results, whether they match the current wish, and what is missing."""
 
-from abc import ABC, abstractmethod
 from typing import Any, Protocol
 
 import numpy as np
@@ -23,16 +22,15 @@ class LightWorker(Protocol):
         """End it."""
 
 
-class Answers(ABC):
-    """The wishes of a session and their results. A Session defines its wish.
+class Answers:
+    """The wishes of a session and what its worker answered.
 
-    progress: (label, fraction or None) of the work under way, or None. message: the text to show, or "".
+    wish: what the present state needs from the worker. available: the effects that there are. progress: (label,
+    fraction or None) of the work under way, or None. message: the text to show, or "".
     """
 
-    available: frozenset[str]
-
-    def __init__(self, worker: LightWorker) -> None:
-        self._worker, self.message = worker, ""
+    def __init__(self, worker: LightWorker, wish: LightWish, available: frozenset[str]) -> None:
+        self._worker, self.wish, self.available, self.message = worker, wish, available, ""
         self.progress: tuple[str, float | None] | None = None
         self._found: dict[str, tuple[Any, Any]] = {}  # newest results by kind
         self._asked: LightWish | None = None
@@ -40,51 +38,15 @@ class Answers(ABC):
         self._ended = ""
 
     @property
-    @abstractmethod
-    def wish(self) -> LightWish:
-        """The results that the current state needs from the worker."""
-
-    @property
-    @abstractmethod
-    def effects(self) -> frozenset[str]:
-        """The effects that take part."""
-
-    @property
-    def lamps_settled(self) -> bool:
-        """Whether the light of added lamps is complete."""
-        return True
-
-    @property
-    def lamps_failure(self) -> str:
-        """Why it cannot be computed, or ""."""
-        return ""
-
-    @property
-    def objects_settled(self) -> bool:
-        """Whether the light of inserted objects is complete."""
-        return True
-
-    @property
-    def objects_failure(self) -> str:
-        """Why it cannot be computed, or ""."""
-        return ""
-
-    @property
-    def answered(self) -> bool:
-        """Whether the worker has answered the present state, and lamps are lit."""
-        return self._answered == (self.wish, "") and self.lamps_settled
-
-    @property
-    def settled(self) -> bool:
-        """Whether the worker has answered the present state in full, and nothing newer has come in since."""
-        return self.answered and self.objects_settled
+    def complete(self) -> bool:
+        """Whether the worker has answered the wish, without failure."""
+        return self._answered == (self.wish, "")
 
     @property
     def failure(self) -> str:
-        """Why the worker cannot answer the present state, or ""."""
+        """Why the worker cannot answer, or ""."""
         answered = self._answered
-        answer = answered[1] if answered is not None and answered[0] == self._asked else self._ended
-        return answer or self.lamps_failure or self.objects_failure
+        return answered[1] if answered is not None and answered[0] == self._asked else self._ended
 
     @property
     def light(self) -> SessionLight | None:
@@ -97,19 +59,14 @@ class Answers(ABC):
         return self._found["light"][0] if "light" in self._found else None
 
     @property
-    def complete(self) -> bool:
-        """Whether suns, bounces and shadows are all in what `radiance` returns."""
-        return self._lit() is not None and self.lamps_settled
-
-    @property
     def lit(self) -> FinishedShading | None:
-        """The shown FinishedShading, or None until it arrives."""
-        return self._lit()
+        """The FinishedShading of the wish, or None until it arrives."""
+        return self.current("shading")
 
     @property
     def error(self) -> float | None:
         """Relative L2 error of what is shown, on sampled vertices, or None while it is unknown."""
-        return self._current("error")
+        return self.current("error")
 
     @property
     def called_for(self) -> frozenset[str]:
@@ -120,29 +77,39 @@ class Answers(ABC):
     @property
     def reference(self) -> ConvergedLight | None:
         """The ConvergedLight of the present light, or None."""
-        return self._current("reference")
+        return self.current("reference")
 
     @property
-    def waiting_for(self) -> str:
-        """The effects still missing in the picture, in words; "" when it is complete."""
-        if self.complete or self.light is None:
-            return ""
-        if self._lit() is not None:
-            return "the light of the lamps"
-        missing = [name for name in EFFECTS if name in self.effects & self.called_for - {VOLUME}]  # with the shadows
+    def missing(self) -> str:
+        """The effects still missing, in words."""
+        effects = self.wish.effects & self.called_for - {VOLUME}  # which comes with the shadows
+        missing = [name for name in EFFECTS if name in effects]
         if SHADOWS in missing and "transfer" in self._found:
             missing.remove(SHADOWS)
-            if BOUNCES in missing and self._bounced() is not None:
+            if BOUNCES in missing and self.bounced is not None:
                 missing = [name for name in missing if name != BOUNCES] or ["the last of the bounces"]
         if not missing:
             return "the light"
         return " and ".join([", ".join(missing[:-1]), missing[-1]] if len(missing) > 1 else missing)
 
-    def _ask(self) -> None:
-        wish = self.wish
-        if wish != self._asked:
-            self._asked, self._answered = wish, None  # an older answer to the same wish does not apply to the new one
-            self._worker.submit(wish)
+    def ask(self) -> None:
+        """Ask the worker for what is wished, once."""
+        if self.wish != self._asked:
+            # An older answer to the same wish does not apply to the new one.
+            self._asked, self._answered = self.wish, None
+            self._worker.submit(self.wish)
+
+    def poll(self) -> bool:
+        """Collect what the worker says, without waiting; return whether there are results."""
+        news = False
+        for kind, *rest in self._worker.poll():
+            getattr(self, f"_take_{kind}")(*rest)
+            news |= kind != "progress"
+        return news
+
+    def close(self) -> None:
+        """End the worker."""
+        self._worker.close()
 
     def _take_progress(self, label: str, fraction: float | None) -> None:
         self.progress = label, fraction
@@ -168,15 +135,17 @@ class Answers(ABC):
         self.message, self.progress = text + ": only spherical harmonics from here on", None
         self._ended = text
 
-    def _current(self, kind: str) -> Any:
-        """The payload of a kind if it belongs to the present wish, else None."""
+    def current(self, kind: str) -> Any:
+        """The payload of a kind if it belongs to the wish, else None."""
         key, payload = self._found.get(kind, (None, None))
         return payload if key is not None and key == keys(self.wish)[kind] else None
 
-    def _lit(self) -> FinishedShading | None:
-        return self._current("shading")
+    def newest(self, kind: str) -> Any:
+        """(key, payload) of the newest of a kind, or None."""
+        return self._found.get(kind)
 
-    def _bounced(self) -> NDArray | None:
+    @property
+    def bounced(self) -> NDArray | None:
         """Bounced light per coefficient for the present albedo, (3, V, K'), or None; of a coarser level if need be."""
         key, payload = self._found.get("bounced", (None, None))
         return payload if key is not None and key[1:] == keys(self.wish)["bounced"][1:] else None

@@ -8,17 +8,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..output.kinds import PICTURE_SIZE
+
 HIGHEST_DEG = 89.0
 """Largest elevation: a view straight down has no upright direction."""
 
-ORBIT_DEG = 180.0  # of a drag across the height of the window
+ORBIT_DEG = 180.0  # of the eye, or of a light, by a drag across the height of the window
 WHEEL = 1.12  # factor of distance for one step
 NEAREST, FARTHEST = 1e-3, 50.0  # distances to the target, over the scene's diagonal
 
 TOO_NEAR = 0.1
 """Distance of a target from the eye, over the diagonal, that can only be a direction."""
 
-PICTURE_ASPECT = 4.0 / 3.0  # for which the cameras of scenes are made
+PICTURE_ASPECT = PICTURE_SIZE[0] / PICTURE_SIZE[1]  # for which the cameras of scenes are made
 
 WIDEST_DEG = 100.0
 """Field of view beyond which a window distorts too much."""

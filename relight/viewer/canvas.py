@@ -20,6 +20,11 @@ from vtkmodules.vtkRenderingCore import (
 NORMAL, SMALL = 13, 12
 """Sizes of texts in units."""
 
+BAR, CHIP, ON = (15, 16, 19, 215), (44, 47, 54, 255), (233, 178, 84, 255)
+IDLE, TRACK, HANDLE = (122, 99, 58, 255), (66, 70, 79, 255), (233, 233, 236, 255)
+TEXT, DIM, DARK, WARNING = (226, 228, 232), (150, 155, 164), (24, 22, 18), (240, 150, 110)
+"""sRGB bytes of what is drawn, with opacity, and of texts."""
+
 _LEAST_SIZE = 6  # pixels of a text
 _DPI = 72  # a point is a pixel
 _WIDTHS_KEPT = 2000

@@ -124,7 +124,7 @@ def _next(field: str, step: int) -> Action:
 
 def _effect(key: str, name: str, text: str) -> Control:
     def lit(session: "Session") -> float:
-        return (name in session.effects) * (1.0 if name in session.called_for else 0.5)
+        return (name in session.effects) * (1.0 if name in session.answers.called_for else 0.5)
 
     return Control(key, text, _toggle_effect(name), lambda session: name, "choices", lit)
 
@@ -148,15 +148,15 @@ def _can_undo(session: "Session") -> bool:
 
 
 def _can_place(session: "Session") -> bool:
-    return session.board is not None
+    return session.lamps is not None
 
 
 def _mixes(session: "Session") -> bool:
-    return session.board is not None and (session.state.placing or session.mixture is not None)
+    return session.lamps is not None and (session.state.placing or session.mixture is not None)
 
 
 def _has_selected(session: "Session") -> bool:
-    return session.board is not None and session.state.placing and session.board.selected is not None
+    return session.lamps is not None and session.state.placing and session.lamps.selected is not None
 
 
 def _has_objects(session: "Session") -> bool:
@@ -257,10 +257,11 @@ SLIDERS = (
     Slider("tolerance", "Tolerance", lambda value: f"{100 * value:.2g} %", True),
     Slider("lamps", "Lamps", lambda value: f"x {value:.2f}", there=_has_lamps),
     Slider("captured", "Captured", lambda value: f"x {value:.2f}", there=_mixes,
-           read=lambda session: session.lamps_now.captured,
-           write=lambda window, value: window.session.dim_captured(value, merge="captured")),
+           read=lambda session: session.lamps.state.captured if session.lamps else 1.0,
+           write=lambda window, value: window.mouse.lamps.dim_to(value)),
     Slider("lamp_ev", "Lamp", lambda value: f"{value:+.1f} EV", there=_has_selected,
-           read=lambda session: session.lamp_ev(), write=lambda window, value: window.session.set_lamp_ev(value)),
+           read=lambda session: session.lamps.selected_ev if session.lamps else 0.0,
+           write=lambda window, value: window.mouse.lamps.brighten_to(value)),
     _hand_slider("azimuth_deg", "Sun at", lambda value: f"{value:.0f}\N{DEGREE SIGN}"),
     _hand_slider("height_deg", "Height", lambda value: f"{value:.0f}\N{DEGREE SIGN}"),
     _hand_slider("sun_share", "Sun's part", lambda value: f"{100 * value:.0f} %"),

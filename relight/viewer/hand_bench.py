@@ -13,8 +13,9 @@ from splat2mesh.base.errors import InputError
 from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
 
 from ..albedo.by_hand import HandLight, SkyAndSun, sun_through
+from ..engine.by_hand import LightByHand
 from ..output.offered_lights import light_map
-from .hand_source import HandLights, HandSource
+from .sources import HandSource
 
 MAP_WIDTH = 32
 """Columns of the map of a light on the panel."""
@@ -35,7 +36,7 @@ class HandBench:
         self.source, self.message = source, ""
         self.kept: Setting | None = None
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="captured light")
-        self._lights: HandLights | None = None
+        self._lights: LightByHand | None = None
         self._now: Setting | None = None
         self._running: tuple[Setting | None, Future[Any]] | None = None
         self._quick: tuple[Setting, NDArray[np.uint8]] | None = None
@@ -178,7 +179,7 @@ class HandBench:
         """End the thread."""
         self._thread.shutdown(wait=False, cancel_futures=True)
 
-    def _prepared(self) -> HandLights:
+    def _prepared(self) -> LightByHand:
         lights = self.source.lights()
         first = lights.first
         lights.albedo(first, lights.offered[first].hand)  # which traces and compiles what a drag needs

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from .canvas import SMALL, Canvas
+from .canvas import BAR, DARK, DIM, ON, SMALL, TEXT, TRACK, Canvas
 from .hand_bench import HandBench
 from .hand_tool import OFFER, SUN_MAP, place_on_map
 
@@ -14,9 +14,6 @@ CELL, LARGE = 3, 6
 
 LEFT, GAP, LINE = 16, 10, 16
 """Units: from the left edge, between maps, and the height of a name."""
-
-_BAR, _ON, _OFF, _DARK = (15, 16, 19, 215), (233, 178, 84, 255), (66, 70, 79, 255), (24, 22, 18, 255)
-_TEXT, _DIM = (226, 228, 232), (150, 155, 164)
 
 Hot = Callable[..., None]
 """(left, base, width, height, name): an area that takes the mouse."""
@@ -33,22 +30,22 @@ def draw_hand(canvas: Canvas, bench: HandBench, top: float, hot: Hot) -> None:
     wide = max(width, *(CELL * present.shape[1] + GAP + canvas.width(name, SMALL) for name in names))
     small = CELL * present.shape[0] + GAP
     low = base - GAP - len(names) * small
-    canvas.rectangle(LEFT - 8, low, wide + 16, top - low, _BAR)
-    canvas.text(LEFT, base + height + 5, "captured light: drag its sun", _TEXT, SMALL)
+    canvas.rectangle(LEFT - 8, low, wide + 16, top - low, BAR)
+    canvas.text(LEFT, base + height + 5, "captured light: drag its sun", TEXT, SMALL)
     _map(canvas, present, LEFT, base, LARGE)
     right, up = place_on_map(bench.hand.azimuth_deg, bench.hand.height_deg)
     if bench.hand.sun_share > 0.0:
         x, y = LEFT + right * width, base + up * height
-        canvas.rectangle(x - 5, y - 5, 10, 10, _DARK)
-        canvas.rectangle(x - 3, y - 3, 6, 6, _ON)
+        canvas.rectangle(x - 5, y - 5, 10, 10, (*DARK, 255))
+        canvas.rectangle(x - 3, y - 3, 6, 6, ON)
     hot(LEFT, base, width, height, SUN_MAP)
     for number, name in enumerate(names):
         base -= small
         shown, used = bench.map_of(number), number == bench.number
         across, tall = CELL * shown.shape[1], CELL * shown.shape[0]
-        canvas.rectangle(LEFT - 2, base - 2, across + 4, tall + 4, _ON if used else _OFF)
+        canvas.rectangle(LEFT - 2, base - 2, across + 4, tall + 4, ON if used else TRACK)
         _map(canvas, shown, LEFT, base, CELL)
-        canvas.text(LEFT + across + GAP, base + tall / 2 - 4, name, _TEXT if used else _DIM, SMALL)
+        canvas.text(LEFT + across + GAP, base + tall / 2 - 4, name, TEXT if used else DIM, SMALL)
         hot(LEFT - 2, base - 2, wide, tall + 4, f"{OFFER}{number}")
 
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from splat2mesh.base.errors import InputError
 
 from ..light.sun_position import toward
+from .camera import ORBIT_DEG
 from .hand_bench import HandBench
 
 if TYPE_CHECKING:
@@ -16,9 +17,6 @@ if TYPE_CHECKING:
 
 SUN_MAP, OFFER = "hand sun", "hand light"
 """Names of the hot areas: the map of the present light, and those of the offered lights, whose number follows."""
-
-TURN_DEG, RISE_DEG = 180.0, 90.0
-"""Of the sun, by a drag across the height of the window."""
 
 LOWEST_DEG = 1.0
 
@@ -117,7 +115,10 @@ class HandTool:
     def turn(self, right: float, up: float) -> None:
         """Move the sun by a drag in the picture, in heights of the window."""
         hand = self._bench.hand
-        changes = {"azimuth_deg": hand.azimuth_deg - TURN_DEG * right, "height_deg": hand.height_deg + RISE_DEG * up}
+        changes = {
+            "azimuth_deg": hand.azimuth_deg - ORBIT_DEG * right,
+            "height_deg": hand.height_deg + ORBIT_DEG / 2.0 * up,
+        }
         self._window.session.set_hand(lambda bench: bench.change(**changes))
 
     def keep(self) -> None:

@@ -1,81 +1,27 @@
-"""Undo for a session: the states of lamps and objects, and their order. Independent of the window."""
+"""Undo for a session: all its states of lamps and objects. Independent of the window."""
 
-from collections.abc import Hashable, Iterator
+from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager
-from typing import Any, Generic, TypeVar
+from typing import Any
 
 MOST_CHANGES = 1000
-"""Largest number of changes of a kind that can be undone."""
-
-State = TypeVar("State")
+"""Largest number of changes that can be undone."""
 
 
 class Timeline:
-    """The changes of several histories in the order in which they were made."""
+    """The states of several things, by name, one of which is present. changed: called after every change, undo too."""
 
-    def __init__(self) -> None:
-        self._histories: list[History[Any]] = []
-        self._number, self._together = 0, False
+    def __init__(self, changed: Callable[[], None] = lambda: None) -> None:
+        self.changed = changed
+        self._states: list[dict[str, Any]] = [{}]
+        self._at = 0
+        self._merging: Hashable = None
+        self._joins: bool | None = None  # of changes that are undone as one: whether the first was made
 
     @property
     def kept(self) -> bool:
-        """Whether any history is kept."""
-        return bool(self._histories)
-
-    def undo(self) -> bool:
-        """Undo the last change; return whether there was one."""
-        last = max((each.done for each in self._histories), default=0)
-        return self._step([each for each in self._histories if each.done == last > 0], -1)
-
-    def redo(self) -> bool:
-        """Redo the change that was undone last; return whether there was one."""
-        first = min((each.undone for each in self._histories if each.redoable), default=0)
-        return self._step([each for each in self._histories if each.redoable and each.undone == first], 1)
-
-    @contextmanager
-    def together(self) -> Iterator[None]:
-        """All changes inside are undone as one."""
-        self._number += 1
-        self._together = True
-        try:
-            yield
-        finally:
-            self._together = False
-
-    def joined(self, history: "History[Any]") -> None:
-        """Add a history."""
-        self._histories.append(history)
-
-    def next_number(self, changed: "History[Any]") -> int:
-        """The number of a new change, which ends the possibility to redo earlier ones."""
-        self._number += not self._together
-        for each in self._histories:
-            each.forget_undone()
-            if each is not changed:
-                each.end_merge()
-        return self._number
-
-    def _step(self, histories: "list[History[Any]]", by: int) -> bool:
-        for each in self._histories:
-            each.end_merge()
-        for each in histories:
-            each.step(by)
-        return bool(histories)
-
-
-class History(Generic[State]):
-    """The states of something, one of which is present."""
-
-    def __init__(self, start: State, timeline: Timeline) -> None:
-        self._states, self._numbers, self._at = [start], [0], 0
-        self._merging: Hashable = None
-        self._timeline = timeline
-        timeline.joined(self)
-
-    @property
-    def present(self) -> State:
-        """The present state."""
-        return self._states[self._at]
+        """Whether there is anything whose changes are kept."""
+        return bool(self._states[0])
 
     @property
     def undoable(self) -> int:
@@ -87,38 +33,51 @@ class History(Generic[State]):
         """How many changes can be redone."""
         return len(self._states) - 1 - self._at
 
-    @property
-    def done(self) -> int:
-        """The number of the last change; 0 without one that can be undone."""
-        return self._numbers[self._at] if self._at else 0
+    def begin(self, name: str, start: Any) -> None:
+        """Keep the changes of a thing. Call it before the first change."""
+        self._states[0][name] = start
 
-    @property
-    def undone(self) -> int:
-        """The number of the change that a redo would apply."""
-        return self._numbers[self._at + 1]
+    def present(self, name: str) -> Any:
+        """The present state of a thing."""
+        return self._states[self._at][name]
 
-    def to(self, state: State, merge: Hashable = None) -> None:
-        """Change to a state. merge: successive changes that share it are undone as one."""
-        number = self._timeline.next_number(self)
-        if merge is not None and merge == self._merging:
-            self._states[self._at], self._numbers[self._at] = state, number
-            return
-        self._states.append(state)
-        self._numbers.append(number)
-        del self._states[: -MOST_CHANGES - 1], self._numbers[: -MOST_CHANGES - 1]
-        self._at, self._merging = len(self._states) - 1, merge
+    def to(self, name: str, state: Any, merge: Hashable = None) -> None:
+        """Change the state of a thing. merge: changes of it in a row that share it are undone as one."""
+        key, changed = None if merge is None else (name, merge), {**self._states[self._at], name: state}
+        del self._states[self._at + 1 :]
+        if self._joins or (key is not None and key == self._merging):
+            self._states[self._at] = changed
+        else:
+            self._states.append(changed)
+            del self._states[: -MOST_CHANGES - 1]
+        self._at, self._merging = len(self._states) - 1, key
+        self._joins = self._joins is not None or None
+        self.changed()
 
-    def step(self, by: int) -> bool:
-        """Move by a number of states; return whether they exist."""
-        self._merging = None
-        there = 0 <= self._at + by < len(self._states)
-        self._at += by if there else 0
-        return there
+    @contextmanager
+    def together(self) -> Iterator[None]:
+        """All changes inside are undone as one."""
+        self._joins = False
+        try:
+            yield
+        finally:
+            self._joins = None
 
     def end_merge(self) -> None:
         """Make the next change separate."""
         self._merging = None
 
-    def forget_undone(self) -> None:
-        """Drop the changes that could be redone."""
-        del self._states[self._at + 1 :], self._numbers[self._at + 1 :]
+    def undo(self) -> bool:
+        """Undo the last change; return whether there was one."""
+        return self._step(-1)
+
+    def redo(self) -> bool:
+        """Redo the change that was undone last; return whether there was one."""
+        return self._step(1)
+
+    def _step(self, by: int) -> bool:
+        self._merging = None
+        there = 0 <= self._at + by < len(self._states)
+        self._at += by if there else 0
+        self.changed()
+        return there

@@ -9,7 +9,6 @@ result. Finished states are kept, so undo shows them at once, to the bit.
 import queue
 from collections.abc import Callable, Hashable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import replace
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -19,10 +18,9 @@ from splat2mesh.base.errors import InputError
 
 from ..engine.light_mix import LightBeside
 from ..lamps.asked import AskedLamp, resolve
-from ..lamps.color import WHITE
 from ..lamps.photometry import axis_intensity
-from .lamp_board import BoardLamp, BoardState, LampBoard
-from .lamp_source import LampSource
+from .lamp_board import BoardLamp, BoardState, LampBoard, without_color
+from .sources import LampSource, LampSum
 from .worker import Superseded
 
 MOST_FINISHED = 8
@@ -52,13 +50,6 @@ class LampTerm(NamedTuple):
     radiance: NDArray[np.float32] | None
     received: NDArray[np.float32] | None
     axis: NDArray[np.float64]
-
-
-class LampSum(NamedTuple):
-    """LampParts of several lamps."""
-
-    radiance: NDArray[np.float32]
-    received: NDArray[np.float32]
 
 
 class LampBench:
@@ -308,11 +299,6 @@ class LampBench:
 
     def _tell(self, lamps: Sequence[BoardLamp], term: LampTerm) -> None:
         self._events.put(("term", lamps, term))
-
-
-def without_color(asked: AskedLamp) -> AskedLamp:
-    """The lamp without its colour."""
-    return replace(asked, color=WHITE)
 
 
 def _bare(lamps: Sequence[BoardLamp]) -> list[AskedLamp]:

@@ -1,17 +1,24 @@
-"""The user's changes to the lamps of a session, with undo and redo. Independent of the window."""
+"""The user's changes to the lamps of a session, from Python and from the keys of its window."""
 
-from collections.abc import Hashable, Sequence
+import os
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from splat2mesh.base.arrays import Triple
 from splat2mesh.base.errors import InputError
+from splat2mesh.scene.color import luminance
 
-from ..lamps.asked import AskedLamp, moved
+from ..lamps.asked import LARGEST_EV, AskedLamp, Brightness, LampScale, moved, resolve
+from ..lamps.color import WHITE
+from ..lamps.fields import changed
+from ..lamps.photometry import axis_intensity
+from ..lamps.placing import asked_lamps
+from ..lamps.saving import write_lamps
 from ..lamps.shapes import MeshLamp, RectangleLamp, TubeLamp, checked_vector
-from .history import History, Timeline
+from .history import Timeline
 
 MOST_CAPTURED = 10.0
 """Largest factor on the captured light."""
@@ -37,24 +44,33 @@ class BoardState:
 
 
 class LampBoard:
-    """The lamps of a session and the changes to them.
+    """The lamps of a session, the captured light beside them, and the changes to both. Positions are in the frame of
+    the splat. The timeline undoes every change.
 
     state: the present BoardState. start: the first one. selected: the number of the lamp that keys act on, or None.
+    scale: returns the LampScale that a lamp's brightness must fit; without, any does. command: as of LampSource.
     """
 
     def __init__(
-        self, lamps: Sequence[AskedLamp] = (), captured: float = 1.0, timeline: Timeline | None = None
+        self,
+        lamps: Sequence[AskedLamp] = (),
+        captured: float = 1.0,
+        timeline: Timeline | None = None,
+        scale: Callable[[], LampScale] | None = None,
+        command: str = "",
     ) -> None:
         self.start = BoardState(tuple(BoardLamp(place, each) for place, each in enumerate(lamps, 1)), float(captured))
-        self._timeline = timeline or Timeline()
-        self._history, self._saved = History(self.start, self._timeline), self.start
+        self.timeline = timeline or Timeline()
+        self.timeline.begin("lamps", self.start)
+        self._scale, self._command, self._saved = scale, command, self.start
         self._selected: int | None = None
         self._next = len(lamps) + 1
 
     @property
     def state(self) -> BoardState:
         """The present state, immutable."""
-        return self._history.present
+        found: BoardState = self.timeline.present("lamps")
+        return found
 
     @property
     def selected(self) -> int | None:
@@ -67,21 +83,12 @@ class LampBoard:
         """Whether the lamps differ from those at the start, or those saved last."""
         return self.state.lamps != self._saved.lamps
 
-    @property
-    def undoable(self) -> int:
-        """How many changes can be undone."""
-        return self._history.undoable
-
-    @property
-    def redoable(self) -> int:
-        """How many changes can be redone."""
-        return self._history.redoable
-
     def select(self, number: int | None) -> None:
         """Select a lamp, or none. Raises InputError for an unknown number."""
         if number is not None:
             self.asked(number)
         self._selected = number
+        self.timeline.changed()
 
     def asked(self, number: int) -> AskedLamp:
         """The lamp of a number. Raises InputError for an unknown number."""
@@ -91,32 +98,54 @@ class LampBoard:
             raise InputError(f"lamp {number}: expected the number of a lamp ({numbers})")
         return found
 
-    def add(self, asked: AskedLamp) -> int:
-        """Add a lamp and select it; return its number."""
+    def add(self, lamp: Any) -> int:
+        """Add a lamp and select it; return its number.
+
+        lamp: one, as of `LightingOptions.placed`. Raises InputError for anything else, and for one too bright."""
+        found = asked_lamps([lamp])
+        if len(found) != 1:
+            raise InputError(f"`lamp`: has {len(found)} lamps, expected one")
         number = self._next
-        self._next += 1
-        self._history.to(replace(self.state, lamps=(*self.state.lamps, BoardLamp(number, asked))))
-        self._selected = number
+        added = BoardLamp(number, self._checked(found[0]))
+        self._next, self._selected = number + 1, number
+        self._to(replace(self.state, lamps=(*self.state.lamps, added)))
         return number
 
-    def change(self, number: int, asked: AskedLamp, merge: Hashable = None) -> None:
+    def change(
+        self,
+        number: int,
+        *,
+        color: str | Sequence[float] | None = None,  # as of `color=`
+        brightness: str | None = None,  # as of `brightness=`, such as "+1EV"
+        name: str | None = None,
+        stops: float = 0.0,  # by which it gets brighter
+        merge: Hashable = None,
+    ) -> None:
+        """Change colour, brightness or name of a lamp. Raises InputError for invalid values."""
+        given = {"color": color, "brightness": brightness, "name": name}
+        given = {field: value for field, value in given.items() if value is not None}
+        asked = self.asked(number)
+        asked = changed(asked, given) if given else asked
+        self.put(number, self._checked(_brighter(asked, stops) if stops else asked), merge)
+
+    def put(self, number: int, asked: AskedLamp, merge: Hashable = None) -> None:
         """Replace a lamp. merge: successive changes that share it are undone as one."""
         if asked is not self.asked(number):
             lamps = (lamp if lamp.number != number else BoardLamp(number, asked) for lamp in self.state.lamps)
-            self._history.to(replace(self.state, lamps=tuple(lamps)), merge)
+            self._to(replace(self.state, lamps=tuple(lamps)), merge)
 
-    def move(self, number: int, position: Triple, merge: Hashable = None) -> None:
-        """Move the `place_of` a lamp to a position."""
+    def move(self, number: int, position: Sequence[float], merge: Hashable = None) -> None:
+        """Move the `place_of` a lamp to a position (3,)."""
         asked = self.asked(number)
         offset = np.subtract(checked_vector("position", position), place_of(asked))
         if offset.any():
             x, y, z = offset.tolist()
-            self.change(number, replace(asked, shape=moved(asked.shape, (x, y, z))), merge)
+            self.put(number, replace(asked, shape=moved(asked.shape, (x, y, z))), merge)
 
     def remove(self, number: int) -> None:
         """Remove a lamp."""
         self.asked(number)
-        self._history.to(replace(self.state, lamps=tuple(lamp for lamp in self.state.lamps if lamp.number != number)))
+        self._to(replace(self.state, lamps=tuple(lamp for lamp in self.state.lamps if lamp.number != number)))
 
     def dim(self, captured: float, merge: Hashable = None) -> None:
         """Set the factor on the captured light, from 0 to `MOST_CAPTURED`. Raises InputError for a non-finite one."""
@@ -124,28 +153,67 @@ class LampBoard:
             raise InputError(f"captured must be a finite number, found {captured}")
         captured = float(min(max(captured, 0.0), MOST_CAPTURED))
         if captured != self.state.captured:
-            self._history.to(replace(self.state, captured=captured), merge)
+            self._to(replace(self.state, captured=captured), merge)
 
     def reset(self) -> None:
         """Reset everything, as a change like others."""
         if self.state != self.start:
-            self._history.to(self.start)
+            self._to(self.start)
 
-    def undo(self) -> bool:
-        """Undo the last change of lamps, or of others on the timeline; return whether there was one."""
-        return self._timeline.undo()
+    @property
+    def selected_ev(self) -> float:
+        """Brightness of the selected lamp in EV: 0 equals the captured light at 1 m; dark is -40. 0 without one."""
+        if self.selected is None or self._scale is None:
+            return 0.0
+        asked = self.asked(self.selected)
+        if asked.brightness.unit == "EV":
+            return asked.brightness.value
+        scale = self._scale()
+        bright = float(luminance(axis_intensity(resolve(asked, scale)))) / (scale.irradiance * scale.metre**2)
+        return float(np.log2(max(bright, 2.0**-LARGEST_EV)))
 
-    def redo(self) -> bool:
-        """Redo the change that was undone last; return whether there was one."""
-        return self._timeline.redo()
+    def set_selected_ev(self, value: float) -> None:
+        """Set it; successive changes are undone as one."""
+        number = self.selected
+        if number is not None:
+            self.change(number, brightness=f"{value:.2f}EV", merge=("brightness", number))
 
-    def end_merge(self) -> None:
-        """Make the next change separate."""
-        self._history.end_merge()
-
-    def saved(self) -> None:
-        """Record that the present lamps are saved."""
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the lamps as JSON, which `--lamp` reads. Raises InputError without lamps."""
+        assert self._scale is not None  # of a session
+        about = self._command.format(lamps=os.path.basename(path), captured=f"{self.state.captured:g}")
+        write_lamps(path, [lamp.asked for lamp in self.state.lamps], self._scale(), about)
         self._saved = self.state
+
+    def _to(self, state: BoardState, merge: Hashable = None) -> None:
+        self.timeline.to("lamps", state, merge)
+
+    def _checked(self, asked: AskedLamp) -> AskedLamp:
+        """The lamp, if it can be lit. Raises InputError for one too bright."""
+        if self._scale is not None:
+            for each in (asked, without_color(asked)):
+                resolve(each, self._scale())
+        return asked
+
+
+def without_color(asked: AskedLamp) -> AskedLamp:
+    """The lamp without its colour."""
+    return replace(asked, color=WHITE)
+
+
+def bulb_at(position: Triple) -> AskedLamp:
+    """The lamp that a click adds: a warm bulb, as bright as `--lamp x,y,z`."""
+    return asked_lamps([",".join(repr(float(each)) for each in position)])[0]
+
+
+def _brighter(asked: AskedLamp, stops: float) -> AskedLamp:
+    """The lamp with 2^stops times its light."""
+    if not np.isfinite(stops):
+        raise InputError(f"stops must be a finite number, found {stops}")
+    value, unit = asked.brightness.value, asked.brightness.unit
+    with np.errstate(over="ignore"):
+        more = value + stops if unit == "EV" else float(np.float64(value) * np.exp2(stops))
+    return replace(asked, brightness=Brightness(more, unit))
 
 
 def place_of(asked: AskedLamp) -> Triple:

@@ -14,11 +14,11 @@ from splat2mesh.base.sphere import fibonacci_sphere
 from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
 
 from ..lamps.color import TEMPERATURES, parse_color
-from .editing import bulb_at
-from .lamp_board import place_of
+from .lamp_board import LampBoard, bulb_at, place_of
+from .recording import free_name
 
 if TYPE_CHECKING:
-    from .lamp_source import LampSource
+    from .sources import LampSource
     from .window_view import WindowView
 
 OFF_M = 0.3
@@ -66,19 +66,18 @@ class LampTool:
     @property
     def on(self) -> bool:
         """Whether clicks add lamps."""
-        return self._window.session.state.placing and self._window.session.board is not None
+        return self._window.session.state.placing and self._window.session.lamps is not None
 
     def marks(self) -> list[Mark]:
         """The lamps in view, while clicks add lamps."""
-        session = self._window.session
-        if not self.on or session.board is None:
+        if not self.on:
             return []
-        found = []
-        for number, asked in session.board.state.lamps:
+        found, board = [], self._board
+        for number, asked in board.state.lamps:
             place = self._seen_at(self._in_scene(place_of(asked)))
             if place is not None:
                 red, green, blue = (int(each) for each in _shown(asked.color))
-                found.append(Mark(number, *place, (red, green, blue), number == session.board.selected))
+                found.append(Mark(number, *place, (red, green, blue), number == board.selected))
         return found
 
     def toggle(self) -> None:
@@ -97,16 +96,14 @@ class LampTool:
         place, normal = hit
         off = min(OFF_M * self._metre, self._free(place, normal) / 2.0)
         asked = bulb_at(self._in_splat(place + off * normal))
-        self._do(lambda: self._window.session.add_lamp(asked))
+        self._do(lambda: self._board.add(asked))
 
     def grip(self, number: int, x: float, y: float) -> None:
         """Start to drag the lamp at a pixel, and select it."""
-        session = self._window.session
-        if session.board is None:
-            return
-        session.select_lamp(number)
-        session.board.end_merge()
-        at = self._in_scene(place_of(session.board.asked(number)))
+        board = self._board
+        board.select(number)
+        board.timeline.end_merge()
+        at = self._in_scene(place_of(board.asked(number)))
         seen = self._seen_at(at)
         if seen is None:
             return
@@ -123,8 +120,8 @@ class LampTool:
 
     def drag(self, x: float, y: float, freely: bool) -> None:
         """Move the dragged lamp to a pixel: along the surfaces, or `freely` in the plane of the picture."""
-        grip, session = self._grip, self._window.session
-        if grip is None or session.board is None or session.board.state.of(grip.number) is None:
+        grip, board = self._grip, self._board
+        if grip is None or board.state.of(grip.number) is None:
             return
         hit = None if freely or grip.base is None else self._surface(x + grip.base[0], y + grip.base[1])
         if hit is None:
@@ -133,57 +130,60 @@ class LampTool:
         else:
             place, normal = hit
             place = place + min(grip.off, self._free(place, normal) / 2.0) * normal
-        self._do(lambda: session.move_lamp(grip.number, self._in_splat(place), merge=("drag", grip.number)))
+        self._do(lambda: board.move(grip.number, self._in_splat(place), merge=("drag", grip.number)))
 
     def let_go(self) -> None:
         """End the drag; later changes are undone separately."""
         self._grip = None
-        if self._window.session.board is not None:
-            self._window.session.board.end_merge()
+        self._window.session.timeline.end_merge()
 
     def brighten(self, stops: float) -> None:
         """Make the selected lamp brighter."""
         number = self._selected()
         if number is not None:
-            self._do(lambda: self._window.session.change_lamp(number, stops=stops))
+            self._do(lambda: self._board.change(number, stops=stops))
 
     def next_color(self) -> None:
         """Give the selected lamp the next colour."""
-        number, session = self._selected(), self._window.session
-        if number is not None and session.board is not None:
-            now, colors = session.board.asked(number).color, [parse_color(name) for name in COLORS]
+        number = self._selected()
+        if number is not None:
+            now, colors = self._board.asked(number).color, [parse_color(name) for name in COLORS]
             name = COLORS[(colors.index(now) + 1) % len(COLORS)] if now in colors else COLORS[0]
-            self._do(lambda: session.change_lamp(number, color=name))
+            self._do(lambda: self._board.change(number, color=name))
 
     def remove(self) -> None:
         """Remove the selected lamp."""
         number = self._selected()
         if number is not None:
-            self._do(lambda: self._window.session.remove_lamp(number))
+            self._do(lambda: self._board.remove(number))
 
     def dim(self, step: float) -> None:
         """Change the factor on the captured light."""
-        session = self._window.session
-        if session.board is not None:
-            factor = session.board.state.captured + step
-            self._do(lambda: session.dim_captured(factor))
+        if self._window.session.lamps is not None:
+            self._do(lambda: self._board.dim(self._board.state.captured + step))
+
+    def dim_to(self, factor: float) -> None:
+        """Set the factor on the captured light, by a slider."""
+        self._do(lambda: self._board.dim(factor, merge="captured"))
+
+    def brighten_to(self, value: float) -> None:
+        """Set the brightness of the selected lamp in EV, by a slider."""
+        self._do(lambda: self._board.set_selected_ev(value))
 
     def step_back(self, again: bool = False) -> None:
         """Undo or redo; show a message if there is nothing."""
         session = self._window.session
         if not session.timeline.kept:
             return
-        if not (session.redo() if again else session.undo()):
+        if not (session.timeline.redo() if again else session.timeline.undo()):
             self._window.note = f"nothing to {'redo' if again else 'undo'}"
         self._used = True
 
     def save(self, path: "Path | str | None" = None) -> None:
         """Save the lamps, by default to the file of the last save, else under the first free name in this folder."""
-        from .recording import free_name
-
         path = Path(path) if path else self.path or (free_name(OTHER_FILES) if Path(FILE).exists() else Path(FILE))
         try:
-            self._window.session.save_lamps(path)
+            self._board.save(path)
         except (OSError, InputError) as error:
             self._window.note = str(error)
         else:
@@ -191,7 +191,7 @@ class LampTool:
 
     def leave(self) -> None:
         """Save unsaved changes made with the mouse."""
-        board = self._window.session.board
+        board = self._window.session.lamps
         if self._used and board is not None and board.unsaved and board.state.lamps:
             self.save()
 
@@ -204,13 +204,19 @@ class LampTool:
             self._window.note = str(error)
 
     def _selected(self) -> int | None:
-        board = self._window.session.board
+        board = self._window.session.lamps
         number = None if board is None else board.selected
         if number is None:
             self._window.note = "no lamp is selected: press t, then click a lamp"
         return number
 
     # Positions: pixels, the frame of the scene, the frame of the splat
+
+    @property
+    def _board(self) -> LampBoard:
+        board = self._window.session.lamps
+        assert board is not None  # or no lamp can be reached
+        return board
 
     @property
     def _source(self) -> "LampSource":

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Protocol
 
+from .camera import ORBIT_DEG
 from .controls import SLIDERS, ControlledWindow
 from .hand_tool import HandTool
 from .lamp_tool import LampTool
@@ -11,7 +12,6 @@ from .object_tool import ObjectTool
 if TYPE_CHECKING:
     from .panel import HotArea, Panel
 
-LIGHT_DEG = 180.0  # of a drag of the light across the height of the window
 STILL = 4
 """Most pixels that the mouse moves within a click."""
 
@@ -105,7 +105,7 @@ class Mouse:
         if self.hand.on:
             self.hand.turn(right, up)
         else:
-            session.change(angle_deg=session.state.angle_deg + LIGHT_DEG * right)
+            session.change(angle_deg=session.state.angle_deg + ORBIT_DEG * right)
 
     def release(self) -> None:
         """Handle the release of a button."""

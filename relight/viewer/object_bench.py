@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, NamedTuple
 from splat2mesh.base.errors import InputError
 
 from ..insert.asked import AskedInsert
-from .history import History, Timeline
-from .object_source import ObjectSource, ObjectsUnder
+from .history import Timeline
+from .sources import ObjectSource, ObjectsUnder
 from .worker import Superseded
 
 if TYPE_CHECKING:
@@ -36,14 +36,14 @@ class ShownObjects(NamedTuple):
 class ObjectBench:
     """The objects of a session. `poll` it often.
 
-    source: the ObjectSource. shown: the newest result of their light, or None. history: their poses. timeline: shared
-    with the session's other changes.
+    source: the ObjectSource. shown: the newest result of their light, or None. timeline: undoes changes of their poses.
     """
 
     def __init__(self, source: ObjectSource, timeline: Timeline | None = None) -> None:
         self.source = source
         self.start: AskedInserts = tuple(source.asked)
-        self.history: History[AskedInserts] = History(self.start, timeline or Timeline())
+        self.timeline = timeline or Timeline()
+        self.timeline.begin("objects", self.start)
         self._failed: tuple[AskedInserts, str] | None = None
         self.shown: ShownObjects | None = None
         self._key: Hashable = None
@@ -56,7 +56,8 @@ class ObjectBench:
     @property
     def placed(self) -> AskedInserts:
         """The objects in the requested poses."""
-        return self.history.present
+        found: AskedInserts = self.timeline.present("objects")
+        return found
 
     @property
     def failure(self) -> str:
@@ -90,12 +91,12 @@ class ObjectBench:
         new = replace(old, at=at, turn_deg=old.turn_deg if turn_deg is None else turn_deg)
         new = replace(new, on=None) if lifted else new
         if new != old:
-            self.history.to((*self.placed[:number], new, *self.placed[number + 1 :]), merge)
+            self.timeline.to("objects", (*self.placed[:number], new, *self.placed[number + 1 :]), merge)
 
     def reset(self) -> None:
         """Reset the poses of all objects, as a change like others."""
         if self.placed != self.start:
-            self.history.to(self.start)
+            self.timeline.to("objects", self.start)
 
     def poll(self, under: Callable[[], ObjectsUnder] | None, key: Hashable, rests: bool) -> bool:
         """Collect the results of the threads, and give them work; return whether the picture may differ.

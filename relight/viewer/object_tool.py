@@ -95,7 +95,7 @@ class ObjectTool:
         if self._grip is not None:
             self._tell(self._grip.number)
             assert self._bench is not None
-            self._bench.history.end_merge()
+            self._bench.timeline.end_merge()
         self._grip = None
 
     def turn(self, angle_deg: float) -> None:
@@ -114,8 +114,9 @@ class ObjectTool:
         self, number: int, at: tuple[float, float, float], turn_deg: float | None = None, lifted: bool = False
     ) -> None:
         merge = ("drag", number) if self.holds else None
+        assert self._bench is not None
         try:
-            self._window.session.move_object(number, at, turn_deg, lifted, merge)
+            self._bench.put(number, at, turn_deg, lifted, merge)
         except InputError as error:
             self._window.note = str(error)
 

@@ -5,8 +5,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from ..output.kinds import PICTURE_SIZE
 from ..planning.effects import BOUNCES, SUN
-from .canvas import SMALL, Canvas
+from .canvas import BAR, CHIP, DARK, DIM, HANDLE, IDLE, ON, SMALL, TEXT, TRACK, WARNING, Canvas
 from .controls import CONTROLS, MOUSE, SLIDERS, Control, Slider, key_name
 from .hand_panel import draw_hand
 from .lighting import CONVERGED, SAMPLE, STAGES, FinishedShading
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 Units = tuple[float, float]
 """Least width and height of the window in units."""
 
-DESIGN_SIZE = 960, 720
+DESIGN_SIZE = PICTURE_SIZE
 """Of the window in which a unit is a pixel; others are scaled by what fits."""
 
 SCALES = 0.5, 3.0
@@ -29,10 +30,6 @@ TOP, BOTTOM = 48, 96
 """Heights of the two bars."""
 
 _MARGIN, _GAP = 16, 8
-_BAR, _CHIP, _ON = (15, 16, 19, 215), (44, 47, 54, 255), (233, 178, 84, 255)
-_IDLE = (122, 99, 58, 255)
-_TRACK, _HANDLE, _LINE = (66, 70, 79, 255), (233, 233, 236, 255), (233, 178, 84, 235)
-_TEXT, _DIM, _DARK, _WARNING = (226, 228, 232), (150, 155, 164), (24, 22, 18), (240, 150, 110)
 _HELP_WIDTH, _HELP_ROW = 720, 21
 _CHIP_ROOM = 180  # for the text of a button: a long name must not push others out of the window
 _MARK = 5  # half the width of the mark of a lamp
@@ -124,23 +121,23 @@ class Panel:
     def _top(self, session: "Session", units: Units) -> None:
         width, height = units
         base = height - TOP
-        self._canvas.rectangle(0, base, width, TOP, _BAR)
+        self._canvas.rectangle(0, base, width, TOP, BAR)
         right = width - _MARGIN
         for control in reversed([control for control in CONTROLS if control.row == "modes"]):
             right -= self._chip(session, control, right, base + 12, from_right=True) + _GAP
         count = sum(len(chunk.vertices) for chunk in session.scene.chunks)
-        self._canvas.text(_MARGIN, base + 27, session.name, _TEXT, bold=True)
-        lit = session.lit
+        self._canvas.text(_MARGIN, base + 27, session.name, TEXT, bold=True)
+        lit = session.answers.lit
         facts = f"{count:,} vertices" + (f", {lit.settings}" if lit else "")
-        self._canvas.text(_MARGIN, base + 10, self._canvas.fitted(facts, right - 2 * _MARGIN), _DIM, SMALL)
-        progress = session.progress
+        self._canvas.text(_MARGIN, base + 10, self._canvas.fitted(facts, right - 2 * _MARGIN), DIM, SMALL)
+        progress = session.answers.progress
         if progress and not session.settled:
             share = progress[1] if progress[1] is not None else 1.0
-            self._canvas.rectangle(0, base - 2, width * share, 2, _LINE if progress[1] is not None else _TRACK)
+            self._canvas.rectangle(0, base - 2, width * share, 2, ON if progress[1] is not None else TRACK)
 
     def _bottom(self, session: "Session", units: Units, frames_per_second: float | None, note: str) -> None:
         width, _ = units
-        self._canvas.rectangle(0, 0, width, BOTTOM, _BAR)
+        self._canvas.rectangle(0, 0, width, BOTTOM, BAR)
         hand = session.state.by_hand
         sliders = [slider for slider in SLIDERS if slider.there(session) and slider.of_hand == hand]
         each = (width - 2 * _MARGIN - 2 * (len(sliders) - 1) * _GAP) / len(sliders)
@@ -151,22 +148,22 @@ class Panel:
             if control.row in ("hand" if hand else "choices", "both") and control.there(session):
                 left += self._chip(session, control, left, 12) + _GAP
         figures, follows = status(session, frames_per_second)
-        notice = session.message or session.failure or session.notice
+        notice = session.answers.message or session.failure or session.notice
         if hand and session.hand is not None:
             figures, follows, notice = session.hand.figures, session.hand.follows, session.hand.message
         warning = note or notice or (session.splats.failure if session.splats else "")
         if warning:
-            follows, color = warning, _WARNING
+            follows, color = warning, WARNING
         else:
-            color = _DIM
+            color = DIM
         room = width - 2 * _MARGIN
-        self._plate(_MARGIN, BOTTOM + 8, figures, _TEXT)
+        self._plate(_MARGIN, BOTTOM + 8, figures, TEXT)
         self._plate(_MARGIN, BOTTOM + 30, self._canvas.fitted(follows, room), color)
 
     def _plate(self, left: float, base: float, string: str, color: tuple[int, ...]) -> None:
         """A line of text on a separate plate, over the scene."""
         if string:
-            self._canvas.rectangle(left - 8, base, self._canvas.width(string, SMALL) + 16, 20, _BAR)
+            self._canvas.rectangle(left - 8, base, self._canvas.width(string, SMALL) + 16, 20, BAR)
             self._canvas.text(left, base + 5, string, color, SMALL)
 
     def _slider(self, session: "Session", slider: Slider, left: float, base: float, width: float) -> None:
@@ -175,17 +172,17 @@ class Panel:
         value = min(max(value, low), high)
         to, back = (np.log, np.exp) if slider.logarithmic else (float, float)
         share = (to(value) - to(low)) / (to(high) - to(low))
-        self._canvas.text(left, base + 16, slider.text, _DIM, SMALL)
+        self._canvas.text(left, base + 16, slider.text, DIM, SMALL)
         text = slider.show(value)
-        self._canvas.text(left + width - self._canvas.width(text, SMALL), base + 16, text, _TEXT, SMALL)
-        self._canvas.rectangle(left, base + 4, width, 3, _TRACK)
+        self._canvas.text(left + width - self._canvas.width(text, SMALL), base + 16, text, TEXT, SMALL)
+        self._canvas.rectangle(left, base + 4, width, 3, TRACK)
         if slider.field == "exposure_ev":
             middle = left + width / 2
             start, end = sorted((middle, left + width * share))
-            self._canvas.rectangle(start, base + 4, end - start, 3, _ON)
+            self._canvas.rectangle(start, base + 4, end - start, 3, ON)
         else:
-            self._canvas.rectangle(left, base + 4, width * share, 3, _ON)
-        self._canvas.rectangle(left + (width - 6) * share, base - 1, 6, 13, _HANDLE)
+            self._canvas.rectangle(left, base + 4, width * share, 3, ON)
+        self._canvas.rectangle(left + (width - 6) * share, base - 1, 6, 13, HANDLE)
         scale = self._canvas.scale
 
         def value_at(x: float, y: float) -> float:
@@ -202,8 +199,8 @@ class Panel:
         text = self._canvas.fitted(text, _CHIP_ROOM)
         width = self._canvas.width(text, SMALL) + 18
         left = place - width if from_right else place
-        self._canvas.rectangle(left, base, width, 24, _ON if lit == 1 else _IDLE if lit else _CHIP)
-        self._canvas.text(left + 9, base + 6, text, _DARK if lit == 1 else _TEXT, SMALL)
+        self._canvas.rectangle(left, base, width, 24, ON if lit == 1 else IDLE if lit else CHIP)
+        self._canvas.text(left + 9, base + 6, text, DARK if lit == 1 else TEXT, SMALL)
         self._hot(left, base, width, 24, control.key)
         return width
 
@@ -211,24 +208,24 @@ class Panel:
         width, height = units
         x = session.state.split_at * width
         low, high = (BOTTOM, height - TOP) if panel else (0, height)
-        self._canvas.rectangle(x - 1, low, 2, high - low, _HANDLE)
+        self._canvas.rectangle(x - 1, low, 2, high - low, HANDLE)
         middle = (low + high) / 2
-        self._canvas.rectangle(x - 4, middle - 18, 8, 36, _HANDLE)
+        self._canvas.rectangle(x - 4, middle - 18, 8, 36, HANDLE)
         scale = self._canvas.scale
         if panel:
             after = "albedo" if session.state.by_hand else "relit"
             for text, left in (("captured", x - 14 - self._canvas.width("captured", SMALL)), (after, x + 14)):
                 if left > 8 and left + self._canvas.width(text, SMALL) < width - 8:
-                    self._canvas.rectangle(left - 7, high - 34, self._canvas.width(text, SMALL) + 14, 20, _BAR)
-                    self._canvas.text(left, high - 29, text, _TEXT, SMALL)
+                    self._canvas.rectangle(left - 7, high - 34, self._canvas.width(text, SMALL) + 14, 20, BAR)
+                    self._canvas.text(left, high - 29, text, TEXT, SMALL)
         self._hot(x - 8, low, 16, high - low, "split_at", lambda at, _: at / scale / width)
 
     def _mark(self, mark: "Mark") -> None:
         """A lamp: a square of its colour in a dark frame, a bright one where it is selected."""
         x, y = mark.x / self._canvas.scale, mark.y / self._canvas.scale
         for half, color in (
-            (_MARK + 3, _HANDLE if mark.selected else _BAR),
-            (_MARK + 1, _BAR),
+            (_MARK + 3, HANDLE if mark.selected else BAR),
+            (_MARK + 1, BAR),
             (_MARK, (*mark.color, 255)),
         ):
             self._canvas.rectangle(x - half, y - half, 2 * half, 2 * half, color)
@@ -240,12 +237,12 @@ class Panel:
         width, _ = units
         steps, tall = 48, 220
         left, base = width - _MARGIN - 16, BOTTOM + 76
-        known = session.reference is not None
+        known = session.answers.reference is not None
         title = "relative error" if known else "reference follows"
         title_width = max(self._canvas.width(title, SMALL), 76)
-        self._canvas.rectangle(left + 26 - title_width - 12, base - 12, title_width + 12, tall + 44, _BAR)
+        self._canvas.rectangle(left + 26 - title_width - 12, base - 12, title_width + 12, tall + 44, BAR)
         self._canvas.text(
-            left + 20 - self._canvas.width(title, SMALL), base + tall + 12, title, _TEXT if known else _DIM, SMALL
+            left + 20 - self._canvas.width(title, SMALL), base + tall + 12, title, TEXT if known else DIM, SMALL
         )
         if not known:
             return
@@ -255,7 +252,7 @@ class Panel:
             )
         for share in (0.0, 0.1, 0.25, 0.5, 1.0):
             text = f"{100 * end * share:.3g} %"
-            self._canvas.text(left - self._canvas.width(text, SMALL), base + share**0.5 * tall - 4, text, _DIM, SMALL)
+            self._canvas.text(left - self._canvas.width(text, SMALL), base + share**0.5 * tall - 4, text, DIM, SMALL)
 
     def _help(self, session: "Session", units: Units) -> None:
         width, height = units
@@ -264,13 +261,13 @@ class Panel:
         tall = half * _HELP_ROW + 2 * _MARGIN
         left = (width - _HELP_WIDTH) / 2
         base = BOTTOM + 60 + max(0, (height - TOP - BOTTOM - 60 - tall) / 2)
-        self._canvas.rectangle(left, base, _HELP_WIDTH, tall, (*_BAR[:3], 240))
+        self._canvas.rectangle(left, base, _HELP_WIDTH, tall, (*BAR[:3], 240))
         columns = (rows[:half], 16, 62), (rows[half:], 400, 470)
         for part, key_at, text_at in columns:
             for row, (key, text) in enumerate(part):
                 y = base + tall - _MARGIN - (row + 1) * _HELP_ROW + 6
-                self._canvas.text(left + key_at, y, key, _ON[:3], SMALL, bold=True)
-                self._canvas.text(left + text_at, y, text, _TEXT, SMALL)
+                self._canvas.text(left + key_at, y, key, ON[:3], SMALL, bold=True)
+                self._canvas.text(left + text_at, y, text, TEXT, SMALL)
 
     def _hot(
         self,
@@ -287,35 +284,43 @@ class Panel:
 
 def status(session: "Session", frames_per_second: float | None = None) -> tuple[str, str]:
     """(figures, what follows): the two lines about the light that is shown."""
-    if session.light is None:
+    if session.answers.light is None:
         return "", "starting: the captured colours until the first light"
-    figures, lit = [], session.lit
-    if session.error is not None and session.state.mode in ("relit", "error"):
+    follows, progress = _follows(session), session.answers.progress
+    if progress and not session.settled:
+        label, share = progress
+        follows += (" \N{MIDDLE DOT} " if follows else "") + STAGES.get(label, label)
+        follows += f" {100 * share:.0f} %" if share is not None else ""
+    return "   ".join(_figures(session, frames_per_second)), follows
+
+
+def _figures(session: "Session", frames_per_second: float | None) -> list[str]:
+    figures, lit = [], session.answers.lit
+    if session.answers.error is not None and session.state.mode in ("relit", "error"):
         planned = f", planned {100 * lit.predicted:.2g} %" if lit is not None and lit.predicted is not None else ""
-        figures.append(f"error {100 * session.error:.2g} %{planned} (traced at {SAMPLE} vertices)")
+        figures.append(f"error {100 * session.answers.error:.2g} %{planned} (traced at {SAMPLE} vertices)")
     if session.light_seconds is not None:
         figures.append(f"light {1e3 * session.light_seconds:.1f} ms")
     if lit is not None and {SUN, BOUNCES} & session.effects:
         figures.append(f"with {_parts(session, lit)} {1e3 * lit.seconds:.0f} ms")
     if frames_per_second:
         figures.append(f"{frames_per_second:.0f} pictures/s")
-    follows = ""
-    reference = session.reference
+    return figures
+
+
+def _follows(session: "Session") -> str:
+    """What the picture lacks, in words."""
+    state, reference = session.state, session.answers.reference
     if session.splats is not None and session.shows_splats and session.splats.waiting:
-        follows = WAITING
-    elif session.state.environment != session.light_name:
-        follows = f"loading {session.state.environment}"
-    elif session.state.mode == "error" and reference is None:
-        follows = f"computing the reference: {CONVERGED}"
-    elif session.state.mode == "error" and reference is not None:
-        follows = f"against {CONVERGED}, itself within {100 * reference.error:.2g} %"
-    elif session.waiting_for:
-        follows = f"{session.waiting_for} " + ("when the light rests" if session.state.turning else "on the way")
-    if session.progress and not session.settled:
-        label, share = session.progress
-        follows += (" \N{MIDDLE DOT} " if follows else "") + STAGES.get(label, label)
-        follows += f" {100 * share:.0f} %" if share is not None else ""
-    return "   ".join(figures), follows
+        return WAITING
+    if state.environment != session.answers.light_name:
+        return f"loading {state.environment}"
+    if state.mode == "error":
+        within = "" if reference is None else f", itself within {100 * reference.error:.2g} %"
+        return f"against {CONVERGED}{within}" if within else f"computing the reference: {CONVERGED}"
+    if session.waiting_for:
+        return f"{session.waiting_for} " + ("when the light rests" if state.turning else "on the way")
+    return ""
 
 
 def _parts(session: "Session", lit: FinishedShading) -> str:

@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.errors import InputError
 
+from .request import Turntable
+
 if TYPE_CHECKING:
     from .window_view import WindowView
 
-FRAMES = 72
 FRAMES_PER_SECOND = 18
 KINDS = ".gif", ".mp4"
 
@@ -31,7 +32,7 @@ class Recording:
         self,
         window: "WindowView",
         path: str | os.PathLike[str] | None = None,
-        frames: int = FRAMES,
+        frames: int = Turntable.frames,
         what: str = "light",
         panel: bool = False,
         overwrite: bool = False,

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..options import LightingOptions
+from ..output.kinds import PICTURE_SIZE
 
 if TYPE_CHECKING:
     from splat2mesh.scene.foreign import AnyScene
@@ -16,9 +17,7 @@ if TYPE_CHECKING:
     from ..engine.light_mix import LightBeside
     from ..light.environment import Environment
     from ..transfer.store import Cache
-    from .hand_source import HandSource
-    from .lamp_source import LampSource
-    from .object_source import ObjectSource
+    from .sources import HandSource, LampSource, ObjectSource
     from .splats import SplatSource
 
 
@@ -108,7 +107,7 @@ class Turntable:
     what: str = "light"
     panel: bool = False
     overwrite: bool = False
-    size: tuple[int, int] = (960, 720)
+    size: tuple[int, int] = PICTURE_SIZE
 
     @classmethod
     def of(cls, turn: "Turntable | None", changes: dict[str, Any]) -> tuple["Turntable", dict[str, Any]]:

@@ -137,7 +137,7 @@ class RelitSplats:
             return self.source.captured
         binding, far = self._bound.result()
         state = session.state
-        sky = (session.light_name, state.angle_deg, state.sky) if len(far.rows) else None
+        sky = (session.answers.light_name, state.angle_deg, state.sky) if len(far.rows) else None
         wanted = _Wanted(radiance, session.exposure(), state.albedo, sky, mixture, session.inserted)
         if self._exact is not None and wanted.same(self._exact[0]):
             return self._exact[1]
@@ -166,7 +166,8 @@ class RelitSplats:
         self, session: "SessionView", wanted: _Wanted, binding: "Binding", far: FarSplats
     ) -> Callable[..., Splats]:
         """The function that relights the splats as a session wants them now: all, or with 0 rounds what is quick."""
-        look, state, light, mixture = self.source.looks[wanted.albedo], session.state, session.light, wanted.mixture
+        look, state, mixture = self.source.looks[wanted.albedo], session.state, wanted.mixture
+        light = session.answers.light
         objects, mirrored = session.objects, _mirrored(session, wanted, look.gloss is not None)
         own_sky = mixture is not None and mixture.keeps_sky
         sky_exposure, exposure = session.sky_exposure(), wanted.exposure
@@ -205,7 +206,8 @@ def _mirrored(
     session: "SessionView", wanted: _Wanted, glossy: bool
 ) -> Callable[[NDArray[np.floating]], NewLight | None]:
     """The function for what glossy splats mirror of the present light of a session, whose vertices receive so much."""
-    state, light, board, bench, mixture = session.state, session.light, session.board, session.bench, wanted.mixture
+    state, light, mixture = session.state, session.answers.light, wanted.mixture
+    board, bench = session.lamps, session.bench
     lamps = [] if board is None else [lamp.asked for lamp in board.state.lamps]
 
     def mirrored(received: NDArray[np.floating]) -> NewLight | None:

@@ -7,12 +7,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from splat2mesh.base.errors import InputError
 
 from ..albedo.by_hand import RANGES as HAND_RANGES
 from ..light import skies
 from ..light.environment import Environment
+from ..options import LightingOptions
 from ..planning.effects import EFFECTS
 
 RANGES = {
@@ -26,6 +28,16 @@ RANGES = {
     **{f"hand_{name}": limits for name, limits in HAND_RANGES.items()},
 }
 """Ranges of the sliders. Angles wrap around, other values are clipped."""
+
+
+MODES = "relit", "albedo", "normals", "error"
+"""Names of what the surface shows."""
+
+ERROR = "error"
+"""The mode that needs converged light at every vertex."""
+
+START_TOLERANCE = 0.02
+"""Default."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +56,7 @@ class State:
     mode: str = "relit"
     angle_deg: float = 0.0
     exposure_ev: float = 0.0
-    tolerance: float = 0.02
+    tolerance: float = START_TOLERANCE
     effects: frozenset = frozenset(EFFECTS)
     split: bool = False
     split_at: float = 0.5
@@ -57,6 +69,19 @@ class State:
     placing: bool = False
     arranging: bool = False
     by_hand: bool = False
+
+
+def first_state(
+    options: LightingOptions, environments: Mapping[str, Any], albedos: Mapping[str, NDArray | None]
+) -> State:
+    """The State that a session starts with. Raises InputError for a tolerance beyond those of sessions."""
+    tolerance = START_TOLERANCE if options.tolerance is None else options.tolerance
+    low, high = RANGES["tolerance"]
+    if not low <= tolerance <= high:
+        raise InputError(f"the `tolerance` of a session must be from {low:g} to {high:g}, found {tolerance:g}")
+    first, albedo = next(iter(environments)), next(iter(albedos))
+    angle = getattr(environments[first], "rotation_deg", 0.0)
+    return State(first, albedo, angle_deg=angle, tolerance=tolerance, effects=frozenset(options.chosen_effects))
 
 
 def check_field(name: str, value: Any, choices: Mapping[str, Sequence[str]]) -> Any:

@@ -5,33 +5,35 @@ import sys
 import time
 from ctypes.util import find_library
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from vtkmodules.vtkInteractionStyle import vtkInteractorStyleUser
 
 from splat2mesh.base.errors import InputError
 
+from ..output.mesh_files import write_png
 from ..output.preview import default_camera
 from .camera import Orbit
 from .controls import CONTROLS
+from .modes import surface_colors
 from .mouse import Mouse
+from .panel import Panel, bars_of
 from .raster import prepare
-from .session import TURN_DEG_PER_SECOND
+from .recording import Recording, free_name
+from .session import Session
 from .splat_painter import coarser, joined
-
-if TYPE_CHECKING:
-    from .recording import Recording
-    from .session import Session
+from .stage import MOVING_SAMPLES, RESTING_SAMPLES, Stage, pixels
 
 SIZE = 1280, 800
+TURN_DEG_PER_SECOND = 36.0  # of a light that turns by itself
 RESTING_SECONDS = 0.25  # of stillness before edges are smoothed
 PANEL_SECONDS = 0.2  # between two updates of figures that change continuously
 IDLE_SECONDS = 0.005  # between two polls of mouse and worker
 FRAMES_AVERAGED = 12
 RESTING_OBJECT_SAMPLES = 2  # along the side of a pixel
 
-_MISSING = "the session needs PyVista: pip install pyvista"
 _NO_DISPLAY = "no display: save a picture by `screenshot`, or start it in a notebook"
 
 
@@ -39,16 +41,11 @@ class Window:
     """A PyVista window over a Session. `run` it, or call `tick` from a loop of your own.
 
     session: the Session. plotter: the pyvista.Plotter. orbit: the camera. note: a line of the window's own.
-    Raises InputError where PyVista or a display is missing.
+    Raises InputError where a display is missing.
     """
 
-    def __init__(self, session: "Session", size: tuple[int, int] = SIZE, off_screen: bool = False) -> None:
+    def __init__(self, session: Session, size: tuple[int, int] = SIZE, off_screen: bool = False) -> None:
         pyvista = load_pyvista(off_screen)
-        from vtkmodules.vtkInteractionStyle import vtkInteractorStyleUser
-
-        from .panel import Panel, bars_of
-        from .stage import Stage
-
         self.session: Session = session
         self.plotter = pyvista.Plotter(off_screen=off_screen, window_size=list(size), notebook=False, title="relight")
         self._stage, self.note = Stage(self.plotter.renderer, session.scene), ""
@@ -160,8 +157,6 @@ class Window:
 
     def picture(self, panel: bool = True) -> NDArray:
         """The picture of the window, (H, W, 3) uint8, with smooth edges, with or without the panel."""
-        from .stage import pixels
-
         self._draw_now(panel)
         image = pixels(self.plotter.render_window)
         if not panel:
@@ -187,9 +182,6 @@ class Window:
 
     def save_picture(self, path: str | os.PathLike[str] | None = None) -> None:
         """Save the picture, without the panel, as a PNG: by default under the first free name in this folder."""
-        from ..output.mesh_files import write_png
-        from .recording import free_name
-
         path = Path(path) if path else free_name("relight_{:04d}.png")
         try:
             write_png(path, self.picture(panel=False))
@@ -200,8 +192,6 @@ class Window:
 
     def record(self, path: str | os.PathLike[str] | None = None, **options: Any) -> None:
         """Start to record a rotation of the light, or stop and drop the recording that runs."""
-        from .recording import Recording
-
         if self._recording is not None:
             self._recording.stop()
         else:
@@ -252,46 +242,27 @@ class Window:
         Where OpenGL draws on the CPU, it draws the scene once when the picture comes to rest, and again while the
         camera moves. While only the light moves, our own rasteriser draws the scene and OpenGL the panel.
         """
-        from .stage import MOVING_SAMPLES, RESTING_SAMPLES, pixels
-
-        session, stage, glass = self.session, self._stage, self.plotter.render_window
+        session, stage, glass, size = self.session, self._stage, self.plotter.render_window, self.size
         if self._software is None and self._drawn is not None:  # OpenGL reports this once it has drawn
             self._software = stage.software()
             if self._software:
                 prepare()
-        state, size = session.state, self.size
         still, self._seen_from = (self.orbit, size) == self._seen_from, (self.orbit, size)
         self._drawn, self._resting = (session.revision, self.orbit, size, self.note), rests
-        stage.color(session.colors())
-        inserted = session.inserted
-        stage.show_objects(inserted, None if inserted is None else session.exposure())
-        behind = state.sky and state.mode == "relit" and session.light is not None
-        if behind and session.light is not None:
-            painted = id(session.light), session.sky_exposure()
-            if painted != self._sky:
-                self._sky = painted
-                stage.paint_sky(session.light.sky, session.sky_exposure())
+        behind = self._colored()
+        picture = None
         if session.shows_splats:
-            glass.SetMultiSamples(MOVING_SAMPLES)
             stage.look(self.orbit)
-            stage.show_picture(self._splats_drawn(rests, still, behind, wait))
-            return
-        if self._software and still and not rests:
+            picture = self._splats_drawn(rests, still, behind, wait)
+        elif self._software and still and not rests:
+            state = session.state
             angle, split = (state.angle_deg if behind else None), (state.split_at if state.split else None)
-            glass.SetMultiSamples(MOVING_SAMPLES)
-            stage.show_picture(stage.rasterised(self.orbit, size, split, angle))
-            return
-        stage.show_picture(None)
-        stage.look(self.orbit)
-        if state.split:
-            stage.split(self.orbit.split_plane(state.split_at, size[0] / size[1]), self.orbit.eye)
-        else:
-            stage.split()
-        if behind:
-            stage.turn_sky(state.angle_deg)
-        stage.show_sky(behind)
-        glass.SetMultiSamples(RESTING_SAMPLES if rests else MOVING_SAMPLES)
-        if self._software and rests:
+            picture = stage.rasterised(self.orbit, size, split, angle)
+        stage.show_picture(picture)
+        if picture is None:
+            self._place_scene(behind)
+        glass.SetMultiSamples(RESTING_SAMPLES if rests and picture is None else MOVING_SAMPLES)
+        if self._software and rests and picture is None:
             self.panel.hide()
             glass.SwapBuffersOff()
             glass.Render()
@@ -299,6 +270,32 @@ class Window:
             glass.SwapBuffersOn()
             glass.SetMultiSamples(MOVING_SAMPLES)
             stage.show_picture(picture)
+
+    def _colored(self) -> bool:
+        """Give surface, objects and sky their colours; return whether the sky shows."""
+        session, stage = self.session, self._stage
+        stage.color(surface_colors(session))
+        inserted = session.inserted
+        stage.show_objects(inserted, None if inserted is None else session.exposure())
+        if session.answers.light is None or not session.state.sky or session.state.mode != "relit":
+            return False
+        painted = id(session.answers.light), session.sky_exposure()
+        if painted != self._sky:
+            self._sky = painted
+            stage.paint_sky(session.answers.light.sky, session.sky_exposure())
+        return True
+
+    def _place_scene(self, behind: bool) -> None:
+        """Bring camera, split line and sky into place."""
+        stage, state, (width, height) = self._stage, self.session.state, self.size
+        stage.look(self.orbit)
+        if state.split:
+            stage.split(self.orbit.split_plane(state.split_at, width / height), self.orbit.eye)
+        else:
+            stage.split()
+        if behind:
+            stage.turn_sky(state.angle_deg)
+        stage.show_sky(behind)
 
     def _splats_drawn(self, rests: bool, still: bool, behind: bool, wait: bool) -> NDArray:
         """The picture of the splats, bottom row first: coarse while the camera moves, exact at rest."""
@@ -321,7 +318,7 @@ class Window:
 
 
 def load_pyvista(off_screen: bool) -> Any:
-    """The module, set to the available kind of OpenGL. Raises InputError where it is missing or has no display."""
+    """The module, set to the available kind of OpenGL. Raises InputError where that has no display."""
     screen = os.name == "nt" or os.uname().sysname == "Darwin"
     if not screen and not os.environ.get("DISPLAY"):
         if not off_screen:
@@ -329,10 +326,8 @@ def load_pyvista(off_screen: bool) -> Any:
         # Else VTK tries X first, and complains on stderr.
         kind = "vtkEGLRenderWindow" if find_library("EGL") else "vtkOSOpenGLRenderWindow"
         os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", kind)
-    try:
-        import pyvista
-    except ImportError:
-        raise InputError(_MISSING) from None
+    import pyvista  # which takes a second
+
     return pyvista
 
 

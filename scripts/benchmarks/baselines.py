@@ -103,8 +103,8 @@ def ways(truth, environment):
         shaded = next(iter(job.shaded()))
         received = shaded.shading.received
         if received is None:
-            received = job.appearance.received(shaded.shading.radiance, shaded.exposure)
-        yield way, job.binding.relit(job.appearance.irradiance, received, shaded.exposure)
+            received = job.known.appearance.received(shaded.shading.radiance, shaded.exposure)
+        yield way, job.known.binding.relit(job.known.appearance.irradiance, received, shaded.exposure)
 
 
 def fitted(normals, captured):

@@ -39,7 +39,7 @@ def run(options, report):
             job = Job(RelightRequest(truth.folder, truth.lights[light], formats=("splat",)))
             shaded = next(iter(job.shaded()))
             row = {"scene": name, "light": light, "exposure": shaded.exposure}
-            before, wanted = truth.pictures.pixels(job.splats[0], light)
+            before, wanted = truth.pictures.pixels(job.inputs.splats[0], light)
             shown, _ = truth.pictures.pixels(Writer(job).relit_splats(shaded), light)
             looks = {"captured": map(srgb_from_linear, before), "relit": map(srgb_from_linear, shown), "true": wanted}
             for what, colors in looks.items():

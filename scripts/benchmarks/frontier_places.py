@@ -98,7 +98,7 @@ def made(kind, options):
 def measured(place, report):
     """(name, rows) of the panels that make sense for a place."""
     panels = place.options.panels
-    if "sky" in panels and not place.job.appearance.as_captured:
+    if "sky" in panels and not place.job.known.appearance.as_captured:
         yield f"sky {place.options.env}", place.sky(report)
     if "lamp" in panels:
         yield "lamp", place.lamp()
@@ -115,10 +115,10 @@ class Place:
             folder, options.env, LightingOptions(), angles_deg=(options.angle,), formats=("splat",)
         )
         self.job = Job(request)
-        self.look, self.room = self.job.appearance, self.job.room
+        self.look, self.room = self.job.known.appearance, self.job.room
         self.albedo = self.look.albedo if self.look.room is None else self.look.room.albedo
-        self.scene, self.light = self.job.scene, self.job.lights[0]
-        self.occluder = self.job.relighter.occluder
+        self.scene, self.light = self.job.known.scene, self.job.lights[0]
+        self.occluder = self.job.known.relighter.occluder
         count = len(self.occluder.origins)
         self.rows = np.sort(np.random.default_rng(5).choice(count, min(SAMPLES, count), replace=False))
         self.bare = [bare_seconds(self.occluder) for _ in range(3)]
@@ -202,7 +202,7 @@ class Place:
     @property
     def glossy(self):
         """Whether `relight` finds gloss on it."""
-        return self.job.gloss is not None and self.job.gloss.of(self.look) is not None
+        return self.job.known.gloss is not None and self.job.known.gloss.of(self.look) is not None
 
     def gloss(self):
         """Rows of the relit splat's pictures: without gloss, then by rays of each pixel's lobe, whose default the plan
@@ -224,7 +224,7 @@ class Place:
             seconds, splats = seconds_of(lambda: Writer(job).relit_splats(shaded))
         finally:
             mirrored.RAYS = usual
-        shown = splats.take(job.binding.drawn_rows)
+        shown = splats.take(job.known.binding.drawn_rows)
         colors = [shown.colors_toward(view.eye).astype(np.float32) for view in self.views]
         pairs = zip(self.views, colors, strict=True)
         return seconds, np.concatenate([view.blending.drawn(each)[view.known] for view, each in pairs])
@@ -232,7 +232,7 @@ class Place:
     @cached_property
     def views(self):
         """SurfacePixels of views from around an object, none of which the fit of the harmonics has."""
-        binding, motion = self.job.binding, np.asarray(self.scene.scene_from_splat, np.float64)
+        binding, motion = self.job.known.binding, np.asarray(self.scene.scene_from_splat, np.float64)
         points = binding.surface.points[binding.surface.used].astype(np.float64)
         low, high = points.min(axis=0), points.max(axis=0)
         up, center = motion[1, :3] / np.linalg.norm(motion[1, :3]), (low + high) / 2

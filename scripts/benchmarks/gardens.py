@@ -91,8 +91,8 @@ def rows(kind, seed, options, there):
 
 def measured(job, truth, name, fades):
     """The scores of one light, and its entries in the report."""
-    shaded, look = next(iter(job.shaded())), job.appearance
-    unchanged = psnr(*truth.pictures.pixels(job.splats[0], name)).psnr_wb
+    shaded, look = next(iter(job.shaded())), job.known.appearance
+    unchanged = psnr(*truth.pictures.pixels(job.inputs.splats[0], name)).psnr_wb
     ours = psnr(*truth.pictures.pixels(Writer(job).relit_splats(shaded), name)).psnr_wb
     row = {"unchanged": unchanged, "ours": ours, "gain": ours - unchanged}
     for fade in fades:

@@ -98,7 +98,7 @@ def run(options, report):
 
 def look(job):
     """(SceneGloss, Appearance, Lobes of the patches (P), whose fields are stacked) of a Job."""
-    gloss, appearance = job.gloss, job.appearance
+    gloss, appearance = job.known.gloss, job.known.appearance
     fits = None if gloss is None else gloss.fits
     if fits is None or appearance.environment is None:
         none = np.zeros(0)

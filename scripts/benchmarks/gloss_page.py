@@ -72,7 +72,7 @@ def compared(known, number, options, name):
         truth.append(traced)
         solid.append(hit)
         glossy.append(known._glossy(view))
-        for method, picture in pages(page, np.asarray(job.scene.scene_from_splat, np.float64), eye, options):
+        for method, picture in pages(page, np.asarray(job.known.scene.scene_from_splat, np.float64), eye, options):
             shown[method].append(picture)
         for method, splats in (("splat", relit), ("trained", known.splats[number])):
             shown[method].append(np.clip(rasterize(splats, view).color, 0.0, 1.0))

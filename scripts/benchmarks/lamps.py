@@ -121,14 +121,14 @@ def by_change(mesh, frame, options, report):
     while not session.bench.ready:
         window.tick()
     text = "{:.4f},{:.4f},{:.4f}"
-    number = session.add_lamp(text.format(*somewhere()))
+    number = session.lamps.add(text.format(*somewhere()))
     window.finish()
     acts = {
-        "add": lambda: session.add_lamp(text.format(*somewhere())),
-        "move, of 1": lambda: session.move_lamp(number, somewhere()),
-        "brighten": lambda: session.change_lamp(number, stops=float(rng.uniform(-0.5, 0.5))),
-        "dim the captured": lambda: session.dim_captured(float(rng.uniform(0.05, 0.5))),
-        "move, of 8": lambda: session.move_lamp(number, somewhere()),
+        "add": lambda: session.lamps.add(text.format(*somewhere())),
+        "move, of 1": lambda: session.lamps.move(number, somewhere()),
+        "brighten": lambda: session.lamps.change(number, stops=float(rng.uniform(-0.5, 0.5))),
+        "dim the captured": lambda: session.lamps.dim(float(rng.uniform(0.05, 0.5))),
+        "move, of 8": lambda: session.lamps.move(number, somewhere()),
     }
     load = f"load {os.getloadavg()[0]:.1f} of {os.cpu_count()} cores"
     table = report.table(
@@ -137,13 +137,13 @@ def by_change(mesh, frame, options, report):
     for name, act in acts.items():
         if name.endswith("8"):
             for _ in range(7):
-                session.add_lamp(text.format(*somewhere()))
+                session.lamps.add(text.format(*somewhere()))
             rest(window)
         found = []
         for _ in range(options.changes):
             found.append(change(window, act))
             if name == "add":
-                session.undo()
+                session.timeline.undo()
                 rest(window)
         light, picture, shadows, complete = 1e3 * np.median(found, axis=0)
         table.add(change=name, light=light, picture=picture, shadows=shadows, complete=complete)

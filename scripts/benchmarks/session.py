@@ -12,6 +12,7 @@ import time
 
 import numpy as np
 
+import relight.viewer.window
 from benchmarks.shapes import shape
 from relight.viewer import view
 
@@ -57,7 +58,7 @@ def measured(window, frames):
     """Rates and medians of some frames, as text."""
     stage, glass = window._stage, window.plotter.render_window
     parts = (
-        (window.session, "colors", "light"),
+        (relight.viewer.window, "surface_colors", "light"),
         (stage, "rasterised", "mixing pixels"),
         (window.panel, "draw", "panel"),
         (glass, "Render", "OpenGL"),

@@ -72,7 +72,7 @@ def run(capsys, *arguments):
 def test_one_command_meshes_keeps_the_scene_and_shows_the_relit_splat(here, capsys, monkeypatch):
     shutil.rmtree(here / "ball")
     asked = []
-    monkeypatch.setattr("relight.jobs.meshing.convert", lambda path, *_, **__: asked.append(path) or meshed(path))
+    monkeypatch.setattr("relight.jobs.meshing.meshed", lambda path, *_: asked.append(path) or meshed(path))
     code, out, err = run(capsys, "ball.ply", "--env", "SUNSET", "--sheet", *FAST)
     assert code == 0 and "error" not in err
     assert (here / "ball" / "scene.json").is_file() and (here / "ball" / "preview.png").is_file()
@@ -155,11 +155,11 @@ def test_without_its_splat_a_scene_shows_its_mesh_and_says_so(here):
     (here / "ball.ply").unlink()
     job = Job(RelightRequest("ball", "noon", LightingOptions("analytic", bands=3), albedo="captured", caching="none"))
     with pytest.warns(DataWarning, match="does not exist.*the picture shows the mesh"):
-        assert job.formats == ("glb", "png")
+        assert job.inputs.formats == ("glb", "png")
     (shaded,) = job.shaded()
     assert Writer(job).write(shaded, here / "out")["preview"]["shows"] == "mesh"
     with pytest.raises(InputError, match="does not exist"):
-        Job(RelightRequest("ball", "noon", formats=("splat",))).splats  # noqa: B018
+        Job(RelightRequest("ball", "noon", formats=("splat",))).inputs.splats  # noqa: B018
 
 
 def test_a_plan_estimates_no_albedo_and_says_so(here, capsys):

@@ -19,7 +19,7 @@ HEAVY = ("numpy", "scipy", "numba", "open3d")
 @pytest.mark.parametrize(
     ("wishes", "message"),
     [
-        ({"method": "magic"}, "`method` 'magic': expected one of auto, raytraced"),
+        ({"method": "magic"}, "`method` magic: expected one of auto raytraced"),
         ({"bands": 11}, "`bands` must be a whole number from 1 to 10, found 11"),
         ({"bands": 2.5}, "found 2.5"),
         ({"rays": 0}, "`rays` per vertex must be a whole number from 1 to 65536, found 0"),

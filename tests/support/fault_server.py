@@ -40,7 +40,7 @@ def _lighten():
     import relight.output.results
     import splat2mesh.api
 
-    relight.jobs.meshing.convert = splat2mesh.api.convert = lambda path, *_, **__: scene_of(path)
+    relight.jobs.meshing.meshed = splat2mesh.api.convert = lambda path, *_, **__: scene_of(path)
     relight.output.results.PICTURE_SIZE = relight.jobs.writer.PICTURE_SIZE = (64, 48)
 
 

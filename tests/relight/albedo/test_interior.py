@@ -10,7 +10,7 @@ from relight.engine.relighter import Shaded, Shading
 from relight.jobs.job import Job
 from relight.jobs.writer import report_of
 from relight.output.results import Results
-from relight.output.subject import WrittenScene
+from relight.output.subject import AskedFiles, WrittenScene
 from relight.request import RelightRequest
 from relight.transfer.bounces import visible_fraction
 from splat2mesh.base.errors import DataWarning
@@ -84,7 +84,7 @@ def test_a_closed_room_stays_as_captured_and_says_so(opening):
     assert look.as_captured and look.capture["left_as_captured"] and not look.capture["separable"]
     dark = np.zeros_like(look.captured)
     np.testing.assert_allclose(look.received(dark, 0.5) * 0.5, look.irradiance)
-    results = Results(WrittenScene(relighter, look, (splats, [])), ["splat"])
+    results = Results(WrittenScene(relighter, look, AskedFiles(["splat"]), (splats, [])))
     relit = results.relit_splats(shaded_by("sunset", dark, 3.0))
     np.testing.assert_array_equal(relit.sh, splats.sh)
 
@@ -95,7 +95,7 @@ def test_the_sky_in_its_windows_is_new():
     relighter = Relighter(scene)
     with pytest.warns(DataWarning, match="closed room"):
         look = appearance_of("estimated", None, relighter)
-    results = Results(WrittenScene(relighter, look, (splats, [])), ["splat"])
+    results = Results(WrittenScene(relighter, look, AskedFiles(["splat"]), (splats, [])))
     relit = results.relit_splats(shaded_by("sunset", np.zeros_like(look.captured), 3.0))
     changed = (relit.sh != splats.sh).any(axis=(1, 2))
     np.testing.assert_array_equal(np.flatnonzero(changed), [3])

@@ -60,7 +60,7 @@ def lights(job, acting, times):
 def test_a_pose_is_lit_as_the_object_that_stands_there(place, sliding, tmp_path):
     """To the bit, on mesh and splats, against the box as a file of its own at the place that it has slid to."""
     job = Job(request(place, [f"{sliding} at=-1,.3,0 albedo=.3"], None))
-    acting = Acting(job.inserts)
+    acting = Acting(job.known.inserts)
     assert (acting.duration_s, acting.name) == (1.0, "slide")
     start, middle = lights(job, acting, (0.0, 0.5))
     moved = middle.standing.vertices - start.standing.vertices
@@ -72,7 +72,7 @@ def test_a_pose_is_lit_as_the_object_that_stands_there(place, sliding, tmp_path)
     # Rays start by the position within the whole of the objects, so that noise differs: 1.5% of the light, 32 rays.
     difference = middle.ratio - other.ratio
     assert np.sqrt(np.mean(difference[(other.ratio != 1).any(axis=1)] ** 2)) < 0.015
-    splats = job.splats[0]
+    splats = job.inputs.splats[0]
     np.testing.assert_array_equal(ShadowedSplats([middle], splats).under(middle).sh, shadowed(middle, splats).sh)
     both = ShadowedSplats([start, middle], splats)
     for light in (start, middle):  # finer elsewhere too, so that splats are bound a little differently
@@ -100,7 +100,7 @@ def test_the_film_shows_box_and_shadow_move(place, sliding, tmp_path):
 def test_what_does_not_move_is_refused_in_one_line(place, tmp_path, capsys):
     job = Job(request(place, [f"{disc(tmp_path)} at=0,.5,0"], None))
     with pytest.raises(InputError, match="no inserted object has an animation"):
-        Acting(job.inserts)
+        Acting(job.known.inserts)
     words = [str(place), "--insert", str(disc(tmp_path)), "--at", "0,.5,0", "--albedo", "captured", "--animate"]
     assert main([*words, "-o", str(tmp_path / "out")]) == 2
     assert not (tmp_path / "out").exists()

@@ -61,7 +61,7 @@ def test_a_room_of_unknown_light_takes_after_the_new_one_and_says_so():
     change = assumed_change(Environment.load("sunset"))
     np.testing.assert_allclose(radiance, change * scene.colors_linear, rtol=1e-5)
     # Splats change by what is received, which changes alike.
-    look = job.appearance
+    look = job.known.appearance
     np.testing.assert_allclose(found.shading.received * found.exposure, change * look.irradiance, rtol=1e-5)
     assert report_of(job, found)["assumed"] == {"outside": 1.0, "change": pytest.approx(change, abs=1e-4)}
     job, found, radiance = shaded(scene, "captured")
@@ -82,7 +82,7 @@ def test_without_a_window_lamps_stay_on_and_the_other_half_takes_after_the_new_l
     scene = room()[0]
     job, _, radiance = shaded(scene, "sunset")
     captured, change = scene.colors_linear, assumed_change(Environment.load("sunset"))
-    glowing = job.appearance.room.glow.any(axis=1)
+    glowing = job.known.appearance.room.glow.any(axis=1)
     wanted = (1.0 - OUTSIDE + OUTSIDE * change) * captured
     np.testing.assert_allclose(radiance[~glowing], wanted[~glowing], rtol=1e-5)
     np.testing.assert_array_equal(radiance[glowing], captured[glowing])
@@ -93,7 +93,7 @@ def test_with_its_lamps_off_a_room_without_a_window_has_what_is_assumed_to_come_
     scene = room()[0]
     job, found, radiance = shaded(scene, "sunset", lamps="off")
     change = OUTSIDE * assumed_change(Environment.load("sunset"))
-    glowing = job.appearance.room.glow.any(axis=1)
+    glowing = job.known.appearance.room.glow.any(axis=1)
     np.testing.assert_allclose(radiance[~glowing], change * scene.colors_linear[~glowing], rtol=1e-5)
     # The lamp itself is a surface like others.
     assert 0.0 < radiance[glowing].mean() < scene.colors_linear[glowing].mean()

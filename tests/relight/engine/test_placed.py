@@ -122,7 +122,7 @@ def test_a_lamp_alone_keeps_the_captured_light_and_its_exposure():
     shaded = next(job.shaded())
     assert isinstance(shaded.light, CapturedLight) and shaded.exposure == 1.0 and job.plan is None
     placed = job.mix.lamp_light.placed
-    np.testing.assert_allclose(shaded.shading.radiance, job.appearance.captured + placed.radiance, rtol=1e-5)
+    np.testing.assert_allclose(shaded.shading.radiance, job.known.appearance.captured + placed.radiance, rtol=1e-5)
 
 
 def test_night_has_the_light_of_the_lamp_alone_and_no_lamp_changes_nothing():
@@ -190,7 +190,7 @@ def test_a_metre_is_as_high_as_eyes_are_and_objects_are_a_metre():
 )
 def test_what_makes_no_sense_is_said_before_any_work(lighting, message):
     with pytest.raises(InputError, match=message):
-        job_of(hollow_ball(1), **lighting).require("environment", "asked_lamps")
+        job_of(hollow_ball(1), **lighting).inputs.asked_lamps  # noqa: B018
 
 
 def test_lamps_by_number_belong_to_rooms():

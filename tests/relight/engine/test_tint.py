@@ -103,6 +103,6 @@ def test_a_job_shows_its_light_in_that_colour_and_refuses_it_where_nothing_is_es
     asked = {"formats": ("npy",), "caching": "none", "albedo": "estimated", "capture_tint": color}
     request = RelightRequest(relighter.scene, "noon", **asked)
     job = Job(request)
-    np.testing.assert_allclose(job.appearance.capture["color"], color, rtol=1e-4)
+    np.testing.assert_allclose(job.known.appearance.capture["color"], color, rtol=1e-4)
     with pytest.raises(InputError, match="`capture_tint`"):
-        Job(dataclasses.replace(request, albedo="white")).appearance  # noqa: B018
+        Job(dataclasses.replace(request, albedo="white")).known.appearance  # noqa: B018

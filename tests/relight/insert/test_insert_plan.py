@@ -37,17 +37,17 @@ def test_an_object_put_in_and_taken_out_again_leaves_every_bit(place, tmp_path):
 
 def test_shares_are_those_of_the_whole_scene(place, tmp_path):
     job = Job(request(place, [f"{disc(tmp_path, 0.3)} at=1,.4,0"], None))
-    inserts, occluder = job.inserts, job.relighter.occluder
-    around = evenly_lit(job.scene, occluder)
-    plan = plan_inserts(inserts.standing, job.scene, around, job.splats[0])
+    inserts, occluder = job.known.inserts, job.known.relighter.occluder
+    around = evenly_lit(job.known.scene, occluder)
+    plan = plan_inserts(inserts.standing, job.known.scene, around, job.inputs.splats[0])
     at, sent = Receiving(occluder.origins, occluder.normals), inserts.standing.albedo
     change = np.abs(change_at(around, inserts.standing, sent, 32, at)).max(axis=1)
     assert plan.changed == pytest.approx((change > 0.0042).mean(), abs=0.01)  # all are in the sample
     assert (change > 0.0).mean() <= plan.reach < 1.0
-    distance = np.linalg.norm(job.splats[0].means - [1, 0.4, 0], axis=1)
+    distance = np.linalg.norm(job.inputs.splats[0].means - [1, 0.4, 0], axis=1)
     radius = np.hypot(0.3, 0.005)
     assert plan.splats == pytest.approx((distance < 20 * radius).mean(), abs=0.005)
-    assert plan.rays == 32 * round(plan.reach * len(job.scene.vertices)) + 256 * len(inserts.standing.vertices)
+    assert plan.rays == 32 * round(plan.reach * len(job.known.scene.vertices)) + 256 * len(inserts.standing.vertices)
 
 
 def test_an_object_that_nothing_sees_changes_nothing(place, tmp_path):

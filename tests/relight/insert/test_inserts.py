@@ -71,7 +71,7 @@ def test_a_white_wall_throws_light_on_the_floor_in_its_new_light(place, tmp_path
     shaded = next(job.shaded())
     before = Job(RelightRequest(place, light, albedo="captured", formats=("splat",)))
     ratio = shaded.shading.radiance / next(before.shaded()).shading.radiance
-    x, _, z = job.scene.vertices.T
+    x, _, z = job.known.scene.vertices.T
     lit, shade = (x > -0.9) & (x < -0.5) & (abs(z) < 0.3), (x < -1.2) & (x > -1.8) & (abs(z) < 0.3)
     assert (ratio[lit] > 1.05).all()
     assert (ratio[shade] < 0.2).all()

@@ -48,17 +48,17 @@ def test_an_object_stands_on_the_floor_that_closes_the_hole(put):
     job, shaded, _ = put
     assert shaded.inserted.standing.vertices[:, 1].min() == pytest.approx(0.0, abs=0.01)
     behind = WHERE - [0.36, 0.27]  # as the lamp sees it
-    near = np.linalg.norm(job.scene.vertices[:, [0, 2]] - behind, axis=1) < 0.1
-    level = np.abs(job.scene.vertices[:, 1]) < 0.01
+    near = np.linalg.norm(job.known.scene.vertices[:, [0, 2]] - behind, axis=1) < 0.1
+    level = np.abs(job.known.scene.vertices[:, 1]) < 0.01
     assert (near & level).any() and shaded.inserted.ratio[near & level].mean() < 0.5
 
 
 def test_reflections_take_its_shadow_on_the_floor_and_nothing_else_of_it(put):
     job, shaded, splats = put
-    polished = floor_under(job.mirror, shaded.inserted, shaded.exposure)
+    polished = floor_under(job.known.mirror, shaded.inserted, shaded.exposure)
     after = shadowed(shaded.inserted, splats, polished)
     change = np.abs(after.sh[:, 0] - splats.sh[:, 0]).max(axis=1)
-    below = splats.means[:, 1] < -job.mirror.margin
+    below = splats.means[:, 1] < -job.known.mirror.margin
     apart = np.linalg.norm(splats.means[:, [0, 2]] - WHERE, axis=1)
     assert change[below & (apart < 1.5)].max() > 0.02  # the floor's own part, and the foot of what stands near
     alone = shadowed(shaded.inserted, splats, polished._replace(own=np.zeros(3)))
@@ -68,10 +68,12 @@ def test_reflections_take_its_shadow_on_the_floor_and_nothing_else_of_it(put):
 def test_the_floor_near_an_object_has_its_light(put):
     job, shaded, _ = put
     light = replace(shaded.inserted, received=2.0 * shaded.inserted.received)
-    one, two = (floor_under(job.mirror, each, 0.5) for each in (shaded.inserted, light))
+    one, two = (floor_under(job.known.mirror, each, 0.5) for each in (shaded.inserted, light))
     np.testing.assert_allclose(two.own, 2.0 * one.own)
-    unknown = SimpleNamespace(inserts=SimpleNamespace(relighter=job.relighter, look=SimpleNamespace(irradiance=None)))
-    assert floor_under(job.mirror, unknown, 1.0) is job.mirror
+    unknown = SimpleNamespace(
+        inserts=SimpleNamespace(relighter=job.known.relighter, look=SimpleNamespace(irradiance=None))
+    )
+    assert floor_under(job.known.mirror, unknown, 1.0) is job.known.mirror
 
 
 def test_images_of_splats_lie_below_and_are_dimmer():
@@ -90,9 +92,9 @@ def test_a_picture_has_the_image_of_a_mesh(put):
     job, shaded, splats = put
     eye, target = np.array(EYES[2]), np.array([WHERE[0], 0.0, WHERE[1]])
     view = View.look_at(eye, target, [0, 1, 0], 60.0, 64)
-    asked = splats, shaded.inserted, shaded.exposure, view, job.scene
+    asked = splats, shaded.inserted, shaded.exposure, view, job.known.scene
     plain = with_objects(*asked)
-    both = with_objects(*asked, floor=job.mirror)
+    both = with_objects(*asked, floor=job.known.mirror)
     assert len(both) > len(plain) > len(splats)
     added = both.means[len(plain) :]
     assert (added[:, 1] < 0.0).all() and added[:, 1].min() > -0.61

@@ -2,12 +2,19 @@
 
 import json
 
+import numpy as np
 import pytest
 from ball_splats import solid_ball
 
 import relight.jobs.meshing
+import splat2mesh.capture
+import splat2mesh.scene.sources
 from relight.cli import main
+from relight.jobs.meshing import existing_scene, scene_at_hand
+from splat2mesh.base.progress import Stages
+from splat2mesh.options import ConvertOptions
 from splat2mesh.pipeline import meshed
+from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.formats import read_splats, write_inria_ply
 
 FIRST = "ball/relit/noon_0"
@@ -50,6 +57,38 @@ def test_a_picture_comes_before_the_mesh_and_the_final_one_replaces_it(here, mon
     assert "state" not in final and set(final["files"]) == {"relit.glb", "preview.png", "relit_splat.ply"}
     assert (here / FIRST / "preview.png").read_bytes() != seen[0][1]
     assert (here / "ball" / "scene.json").exists() and not list(here.glob(".ball*"))
+
+
+@pytest.mark.parametrize("albedo", ["estimated", "captured"])
+def test_a_fresh_run_decodes_its_splat_once_and_reads_back_no_scene(here, monkeypatch, albedo):
+    decoded = []
+
+    def watched(path, *more):
+        decoded.append(path)
+        return read_splats(path, *more)
+
+    for module in (splat2mesh.capture, splat2mesh.scene.sources, relight.jobs.meshing):
+        monkeypatch.setattr(module, "read_splats", watched)
+    monkeypatch.setattr(Scene, "load", lambda path: pytest.fail(f"read back {path}"))
+    assert main(["ball.ply", "--env", "noon", "--method", "analytic", "--bands", "3", "--albedo", albedo]) == 0
+    assert [path.name for path in map(type(here), decoded)] == ["ball.ply"]
+
+
+def test_a_scene_at_hand_is_as_its_folder_has_it(here):
+    made, _ = scene_at_hand("ball.ply", ConvertOptions(detail="draft"), Stages())
+    read, again = Scene.load("ball"), existing_scene("ball.ply", ConvertOptions())
+    for scene in (made.scene, again.scene):
+        for name in ("vertices", "normals", "faces", "colors_srgb", "scene_from_splat", "background_splats", "foliage"):
+            found, expected = getattr(scene, name), getattr(read, name)
+            assert found.dtype == expected.dtype
+            np.testing.assert_array_equal(found, expected)
+        for name in ("path", "source", "settings", "statistics", "capture", "preview_camera", "hull", "left"):
+            assert getattr(scene, name) == getattr(read, name), name
+        for name in ("splat_volume", "vertex_volume"):
+            np.testing.assert_array_equal(getattr(scene.measured, name), getattr(read.measured, name))
+    (splats, paths), (same, _) = made.splats(), again.splats()
+    assert paths == [here / "ball.ply"]
+    np.testing.assert_array_equal(splats.sh, same.sh)
 
 
 def test_after_an_interrupted_run_the_splat_is_meshed_again(here, monkeypatch):

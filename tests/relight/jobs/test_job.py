@@ -34,16 +34,16 @@ def test_the_constructor_does_no_work():
     )
     assert not job.stages.seconds
     with pytest.raises(InputError, match=r"no light\.exr"):
-        job.scene  # noqa: B018
+        job.known.scene  # noqa: B018
     with pytest.raises(InputError, match="nowhere"):
-        Job(RelightRequest("nowhere", "noon")).scene  # noqa: B018
+        Job(RelightRequest("nowhere", "noon")).known.scene  # noqa: B018
 
 
 def test_stages_are_done_once_and_only_as_far_as_they_are_asked_for(folder):
     job = Job(RelightRequest(folder, "noon", FAST, caching="none"))
-    assert job.scene is job.scene and set(job.stages.seconds) == {"environment", "load"}
+    assert job.known.scene is job.known.scene and set(job.stages.seconds) == {"environment", "load"}
     assert job.plan is not None and "shade" not in job.stages.seconds
-    assert job.plan is job.plan and job.appearance is job.appearance
+    assert job.plan is job.plan and job.known.appearance is job.known.appearance
     (shaded,) = job.shaded()
     assert "shade" in job.stages.seconds and "write" not in job.stages.seconds
     report = report_of(job, shaded)
@@ -79,12 +79,12 @@ def test_the_albedo_may_be_an_array(folder):
     (white,) = Job(RelightRequest(scene, "noon", FAST, albedo="white")).shaded()
     np.testing.assert_array_equal(shaded.shading.radiance, 0.5 * white.shading.radiance)
     with pytest.raises(InputError, match="`albedo` an array: expected numbers of shape"):
-        Job(RelightRequest(scene, "noon", FAST, albedo=grey[1:])).appearance  # noqa: B018
+        Job(RelightRequest(scene, "noon", FAST, albedo=grey[1:])).known.appearance  # noqa: B018
 
 
 def test_a_scene_without_a_splat_is_lit_by_its_own_colours(folder):
-    assert Job(RelightRequest(ball_on_plate(), "noon", FAST)).appearance.capture is None
-    assert Job(RelightRequest(folder, "noon", FAST, caching="none")).appearance.capture is not None
+    assert Job(RelightRequest(ball_on_plate(), "noon", FAST)).known.appearance.capture is None
+    assert Job(RelightRequest(folder, "noon", FAST, caching="none")).known.appearance.capture is not None
 
 
 def test_splats_alone_take_the_light_of_all_vertices_that_is_kept(tmp_path):
@@ -99,7 +99,7 @@ def test_splats_alone_take_the_light_of_all_vertices_that_is_kept(tmp_path):
         for number, formats in enumerate(runs):
             job = Job(RelightRequest(tmp_path / name, "overcast", options, albedo="captured", formats=formats))
             tuple(job.shaded())
-            traced[name, number] = job.relighter.rays_traced, job.relighter.precomputed.partly
+            traced[name, number] = job.known.relighter.rays_traced, job.known.relighter.precomputed.partly
     assert traced["kept", 0][0] > 0 and traced["kept", 1] == (0, False)
     assert 0 < traced["alone", 0][0] < traced["kept", 0][0] and traced["alone", 0][1]
     assert traced["alone", 1][0] > 0 and traced["alone", 2] == (0, True)
@@ -107,7 +107,7 @@ def test_splats_alone_take_the_light_of_all_vertices_that_is_kept(tmp_path):
 
 def test_what_was_begun_beside_is_given_up_when_a_run_ends_early():
     job = Job(RelightRequest("nowhere", "noon"))
-    job._go_on(1)
-    job.leave()
+    job.known._go_on(1)
+    job.known.leave()
     with pytest.raises(CancelledError):
-        job._go_on(1)
+        job.known._go_on(1)

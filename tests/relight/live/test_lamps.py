@@ -76,8 +76,8 @@ def written(scene, tmp_path_factory):
 
 def expected_change(job, splats):
     """The change of light of a relit splat by the same binding, without its fit in views."""
-    shaded, look = next(iter(job.shaded())), job.appearance
-    binding = Binding(splats, job.scene, views=())
+    shaded, look = next(iter(job.shaded())), job.known.appearance
+    binding = Binding(splats, job.known.scene, views=())
     relit = binding.relit(look.irradiance, shaded.shading.received, shaded.exposure)
     color = 0.5 + SH_C0 * splats.sh[:, 0]
     return ((0.5 + SH_C0 * relit.sh[:, 0] + 0.055) / (color + 0.055)) ** CURVE_POWER
@@ -159,7 +159,7 @@ def test_what_is_assumed_of_a_room_that_lets_no_light_in_is_live_too(reader, tmp
     there = np.lexsort(reader_means(tmp_path / "out").T)
     order = np.lexsort(splats.means.T)
     names = {light["name"]: light for light in bundle[0]["lights"]}
-    known = job.appearance.room
+    known = job.known.appearance.room
     dull = np.ones(len(splats), bool) if known is None else ~known.glow.any(axis=1)[::2]
     for name in (env, "overcast"):
         change = reader["change"](bundle, names[name])[there]

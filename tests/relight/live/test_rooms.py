@@ -27,7 +27,7 @@ def appearance():
         RelightRequest(room()[0], "overcast", LightingOptions(tolerance=0.05), albedo="estimated", caching="none")
     )
     with pytest.warns(DataWarning, match="closed room"):
-        return job.appearance._replace(place=Place.ROOM)
+        return job.known.appearance._replace(place=Place.ROOM)
 
 
 @cache

@@ -11,7 +11,7 @@ from relight.insert.probe import Light
 from relight.insert.probe_grid import ProbeGrid
 from relight.insert.surroundings import Sky
 from relight.light.environment import Environment
-from relight.output.probe_files import write_probes
+from relight.output.probe_files import ProbedScene, write_probes
 from relight.output.probe_set import NAME, irradiance_of, places_of, write_probe_set
 from relight.request import RelightRequest
 from relight.sh import harmonics
@@ -75,7 +75,7 @@ def test_the_file_is_in_the_frame_of_the_scene_whatever_that_of_the_splat(tmp_pa
     scene, occluder = ball(matrix)
     light = Light([Sky(Environment(picture(lobe), "sky"), 1.0)], None)
     places = [(0.0, 3.0, 0.5), (2.0, 0.0, -3.0)]
-    names = write_probes(tmp_path, speck(), scene, occluder, light, 2.0, list(map(np.array, places)))
+    names = write_probes(tmp_path, ProbedScene(speck(), scene, occluder, light, 2.0), list(map(np.array, places)))
     assert names[-1] == NAME and "probe_2.exr" in names
     positions, sh = read(tmp_path)
     np.testing.assert_allclose(positions, places @ matrix[:3, :3].T)
@@ -119,7 +119,7 @@ def test_a_grid_lies_between_two_corners_or_about_the_scene():
 def test_a_grid_leaves_probe_exr_where_the_capture_stood(tmp_path):
     scene, occluder = ball()
     light, corners = Light([Sky(Environment(picture(lobe), "sky"), 1.0)], None), [np.ones(3), 3 * np.ones(3)]
-    names = write_probes(tmp_path, speck(), scene, occluder, light, 1.0, corners, ProbeGrid((1, 1, 2)))
+    names = write_probes(tmp_path, ProbedScene(speck(), scene, occluder, light, 1.0), corners, ProbeGrid((1, 1, 2)))
     assert names == ["probe.exr", "probe.png", NAME]
     positions, _ = read(tmp_path)
     np.testing.assert_allclose(positions, [[2, -2, -3], [2, -2, -1]])

@@ -14,7 +14,7 @@ from gltf_check import validator_issues
 from relight.cli import main
 from relight.engine.appearance import Appearance
 from relight.output.lamps_glb import NO_LAMPS
-from relight.output.subject import WrittenScene
+from relight.output.subject import AskedFiles, WrittenScene
 from relight.output.textures import SceneTextures
 from splat2mesh.base.errors import DataWarning
 from splat2mesh.base.progress import Stages
@@ -50,8 +50,8 @@ def textures_of(scene):
     """The SceneTextures of a scene whose colours are its albedo."""
     colors = scene.colors_linear
     look = Appearance(colors, colors, np.ones_like(colors), None)
-    written = WrittenScene(SimpleNamespace(scene=scene, stages=Stages(), cache=None), look)
-    return SceneTextures(written, SimpleNamespace(received=lambda shading, exposure: shading.received), None)
+    written = WrittenScene(SimpleNamespace(scene=scene, stages=Stages(), cache=None), look, AskedFiles([]))
+    return SceneTextures(written, SimpleNamespace(received=lambda shading, exposure: shading.received))
 
 
 def shaded(scene, exposure=1.0, radiance=None):

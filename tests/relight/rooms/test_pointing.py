@@ -50,8 +50,8 @@ def test_a_lamp_that_was_pointed_at_goes_out_and_leaves_neither_glow_nor_stain()
     captured = scene.colors_linear
     job, dark = shaded(scene, {at: 0.0})
     # The ceiling was lamp 1 before; beside the true one it cannot prove it, and is dark, but keeps its number.
-    other, lamp = job.lamps_found
-    assert job.appearance.room.report["pointed"] == [2] and not any(other["radiance"])
+    other, lamp = job.known.lamps_found
+    assert job.known.appearance.room.report["pointed"] == [2] and not any(other["radiance"])
     np.testing.assert_allclose(lamp["place"], scene.vertices[glowing].mean(axis=0), atol=0.1)
     # It is the only lamp of a room without an opening.
     assert dark[~glowing].mean() < 0.05 * captured[~glowing].mean() and dark[glowing].max() < 0.05

@@ -48,7 +48,7 @@ def kept_on():
 def test_the_lamp_is_found_with_its_strength_and_the_albedo_behind_its_light():
     _, place, exposure, _ = room()
     job, _, _ = kept_on()
-    report = job.appearance.capture["room"]
+    report = job.known.appearance.capture["room"]
     lamp = max(report["lamps"], key=lambda each: each["evidence"])
     glowing = place.emitted.any(axis=1)
     assert np.linalg.norm(np.subtract(lamp["place"], place.vertices[glowing].mean(axis=0))) < 0.1
@@ -56,8 +56,8 @@ def test_the_lamp_is_found_with_its_strength_and_the_albedo_behind_its_light():
     true = float(luminance(place.emitted[glowing].mean(axis=0) * exposure))
     assert 0.4 < luminance(np.array(lamp["radiance"])) / true < 1.5 and lamp["evidence"] > 0.5
     assert len(report["lamps"]) == 1  # and not the ceiling above it, which is as white
-    found, known = job.appearance.albedo, place.albedo_linear
-    captured = job.appearance.captured
+    found, known = job.known.appearance.albedo, place.albedo_linear
+    captured = job.known.appearance.captured
     lit = (captured.max(axis=1) < 0.9) & (captured.min(axis=1) > 0.01)
 
     def error(values):

@@ -123,4 +123,4 @@ def test_usd_without_its_library_is_reported_before_any_work(monkeypatch):
     job = Job(RelightRequest(scene, "noon", LightingOptions("analytic", bands=3), albedo=albedo, formats=("usd",)))
     job.__dict__["splats"] = (splat, [])
     with pytest.raises(InputError, match=r"USD needs usd-core: pip install"):
-        job.relighter  # noqa: B018
+        job.known.relighter  # noqa: B018

@@ -148,8 +148,8 @@ def test_a_job_lights_the_closed_scene_and_another_as_it_is(polished, closed, tm
     made = Scene(scene.chunks, capture=scene.capture, source=describe(tmp_path / "room.ply"))
     made.save(tmp_path / "room")
     lit = Job(RelightRequest(tmp_path / "room", "noon", formats=("splat",)))
-    np.testing.assert_allclose(lit.scene.vertices, closed.vertices, atol=1e-5)
-    assert lit.read_scene.vertex_count == scene.vertex_count
+    np.testing.assert_allclose(lit.known.scene.vertices, closed.vertices, atol=1e-5)
+    assert lit.inputs.read_scene.vertex_count == scene.vertex_count
     Scene(scene.chunks, capture=scene.capture).save(tmp_path / "alone")  # without splats nothing tells
     alone = Job(RelightRequest(tmp_path / "alone", "noon", formats=("glb",)))
-    assert alone.scene is alone.read_scene
+    assert alone.known.scene is alone.inputs.read_scene

@@ -14,7 +14,7 @@ from relight.light.projections import texel_directions
 from relight.light.sun_position import toward
 from relight.viewer.controls import SLIDERS
 from relight.viewer.hand_tool import OFFER, SUN_MAP, place_on_map
-from relight.viewer.modes import MODES
+from relight.viewer.modes import MODES, surface_colors
 from relight.viewer.session import Session
 from relight.viewer.window import Window
 from splat2mesh.base.errors import InputError
@@ -83,15 +83,15 @@ def test_the_view_shows_the_albedo_beside_the_capture(by_hand):
                      ("azimuth_deg", "height_deg", "sun_share", "brightness_ev", "warmth", "green")]  # fmt: skip
     bench = session.hand
     assert [each.entry.name for each in bench.offered] == ["sun at 150", "sun at 300"]
-    first = session.colors().copy()
+    first = surface_colors(session).copy()
     bench.finish()
-    exact = session.colors().copy()
+    exact = surface_colors(session).copy()
     assert np.abs(exact.astype(int) - first).mean() < 12 and bench.settled
     session.set_hand(lambda each: each.change(azimuth_deg=240.0))
-    assert not bench.settled and np.abs(session.colors().astype(int) - exact).mean() > 2
-    brighter = session.colors().astype(int)
+    assert not bench.settled and np.abs(surface_colors(session).astype(int) - exact).mean() > 2
+    brighter = surface_colors(session).astype(int)
     session.set_hand(lambda each: each.change(brightness_ev=1.0))
-    assert (session.colors().astype(int) - brighter).mean() < -10  # a brighter light leaves a darker albedo
+    assert (surface_colors(session).astype(int) - brighter).mean() < -10  # a brighter light leaves a darker albedo
     by_hand.press_key("2")
     assert not session.state.by_hand and session.state.mode == list(MODES)[1]
 
@@ -163,12 +163,12 @@ def test_what_is_kept_is_used_by_the_next_command(by_hand, folder):
     assert by_hand.note == f"kept in {folder / NAME}: commands use it from now on" and bench.kept == bench.setting
     assert read_lights(folder / NAME).chosen.sun.azimuth_deg == 200.0
     job = Job(request_of(folder, captured_light=None))
-    assert job.appearance.capture["light"] == "set by hand from sun at 150"
+    assert job.known.appearance.capture["light"] == "set by hand from sun at 150"
     session.change(split=False)
-    wanted = session.colors()
+    wanted = surface_colors(session)
     again = Session(session_of(job), InlineWorker, Clock())
     again.change(mode="albedo")
-    assert np.abs(again.colors().astype(int) - wanted).max() <= 1
+    assert np.abs(surface_colors(again).astype(int) - wanted).max() <= 1
     again.close()
     (folder / NAME).write_text("{")
     by_hand.press_key("0")
@@ -194,5 +194,5 @@ def test_damaged_offers_are_a_message(folder, tmp_path):
     session.change(by_hand=True)
     with pytest.raises(InputError, match="not readable JSON"):
         session.hand.finish()
-    assert (session.colors() == session.scene.colors_srgb).all()
+    assert (surface_colors(session) == session.scene.colors_srgb).all()
     session.close()

@@ -3,26 +3,27 @@
 import numpy as np
 import pytest
 
-from relight.viewer.history import MOST_CHANGES, History, Timeline
+from relight.viewer.history import MOST_CHANGES, Timeline
 
 
 @pytest.mark.parametrize("seed", range(20))
 def test_any_row_of_changes_undoes_and_redoes_as_a_list_of_all_states_would(seed):
     rng = np.random.default_rng(seed)
     timeline = Timeline()
-    histories = [History(0, timeline) for _ in range(3)]
+    for name in range(3):
+        timeline.begin(name, 0)
     states, at = [(0, 0, 0)], 0  # the oracle: all states together
     for number in range(1, 200):
         what = rng.integers(5)
         if what < 2:
             which = int(rng.integers(3))
-            histories[which].to(number)
+            timeline.to(which, number)
             states = [*states[: at + 1], tuple(number if i == which else s for i, s in enumerate(states[at]))]
             at += 1
         elif what == 2:
             with timeline.together():
-                for each in histories[:2]:
-                    each.to(-number)
+                for name in range(2):
+                    timeline.to(name, -number)
             states = [*states[: at + 1], (-number, -number, states[at][2])]
             at += 1
         elif what == 3:
@@ -31,29 +32,31 @@ def test_any_row_of_changes_undoes_and_redoes_as_a_list_of_all_states_would(seed
         else:
             assert timeline.redo() == (at < len(states) - 1)
             at = min(at + 1, len(states) - 1)
-        assert tuple(each.present for each in histories) == states[at]
+        assert tuple(timeline.present(name) for name in range(3)) == states[at]
 
 
 def test_changes_in_a_row_are_one_unless_something_came_between():
     timeline = Timeline()
-    one, other = History("a", timeline), History("x", timeline)
+    timeline.begin("one", "a")
+    timeline.begin("other", "x")
     for state in "bcd":
-        one.to(state, "drag")
-    other.to("y")
-    one.to("e", "drag")
-    one.end_merge()
-    one.to("f", "drag")
+        timeline.to("one", state, "drag")
+    timeline.to("other", "y")
+    timeline.to("one", "e", "drag")
+    timeline.end_merge()
+    timeline.to("one", "f", "drag")
     seen = []
     while timeline.undo():
-        seen.append(one.present + other.present)
+        seen.append(timeline.present("one") + timeline.present("other"))
     assert seen == ["ey", "dy", "dx", "ax"]
-    assert (one.undoable, one.redoable) == (0, 3)
+    assert (timeline.undoable, timeline.redoable) == (0, 4)
 
 
 def test_only_so_many_changes_are_kept():
-    history = History(0, timeline := Timeline())
+    timeline = Timeline()
+    timeline.begin("one", 0)
     for number in range(MOST_CHANGES + 7):
-        history.to(number)
-    assert history.undoable == MOST_CHANGES
+        timeline.to("one", number)
+    assert timeline.undoable == MOST_CHANGES
     assert sum(timeline.undo() for _ in range(2 * MOST_CHANGES)) == MOST_CHANGES
     assert not Timeline().undo() and not Timeline().redo() and not Timeline().kept

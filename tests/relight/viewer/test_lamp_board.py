@@ -28,30 +28,30 @@ def test_random_changes_are_undone_and_done_again_one_by_one():
         elif kind == 2:
             board.move(int(rng.choice(numbers)), tuple(rng.random(3)))
         elif kind == 3:
-            board.change(int(rng.choice(numbers)), bulb(*rng.random(3)))
+            board.put(int(rng.choice(numbers)), bulb(*rng.random(3)))
         elif kind == 4:
             board.dim(rng.random())
         else:
             board.select(int(rng.choice(numbers)))
             continue
         passed.append(board.state)
-    assert board.undoable == len(passed) - 1
+    assert board.timeline.undoable == len(passed) - 1
     for expected in reversed(passed[:-1]):
-        assert board.undo() and board.state is expected
+        assert board.timeline.undo() and board.state is expected
         assert board.selected is None or board.state.of(board.selected) is not None
-    assert not board.undo() and board.state is board.start
+    assert not board.timeline.undo() and board.state is board.start
     for expected in passed[1:]:
-        assert board.redo() and board.state is expected
-    assert not board.redo() and board.state is passed[-1]
+        assert board.timeline.redo() and board.state is expected
+    assert not board.timeline.redo() and board.state is passed[-1]
 
 
 def test_a_change_after_undo_drops_what_could_be_done_again():
     board = LampBoard()
     board.add(bulb(1.0, 0.0, 0.0))
-    board.undo()
-    assert board.redoable == 1
+    board.timeline.undo()
+    assert board.timeline.redoable == 1
     number = board.add(bulb(2.0, 0.0, 0.0))
-    assert board.redoable == 0 and number == 2  # numbers are never used twice
+    assert board.timeline.redoable == 0 and number == 2  # numbers are never used twice
     assert place_of(board.asked(number)) == (2.0, 0.0, 0.0)
 
 
@@ -60,14 +60,14 @@ def test_a_drag_is_one_change():
     number = board.add(bulb(0.0, 0.0, 0.0))
     for x in (1.0, 2.0, 3.0):
         board.move(number, (x, 0.0, 0.0), merge="drag")
-    assert board.undoable == 2 and place_of(board.asked(number)) == (3.0, 0.0, 0.0)
-    board.end_merge()
+    assert board.timeline.undoable == 2 and place_of(board.asked(number)) == (3.0, 0.0, 0.0)
+    board.timeline.end_merge()
     board.move(number, (4.0, 0.0, 0.0), merge="drag")
-    assert board.undoable == 3
-    board.undo()
+    assert board.timeline.undoable == 3
+    board.timeline.undo()
     assert place_of(board.asked(number)) == (3.0, 0.0, 0.0)
     board.move(number, (5.0, 0.0, 0.0), merge="drag")  # does not reach into what was before the undo
-    board.undo()
+    board.timeline.undo()
     assert place_of(board.asked(number)) == (3.0, 0.0, 0.0)
 
 
@@ -75,15 +75,15 @@ def test_what_changes_nothing_is_no_change():
     board = LampBoard([bulb(0.0, 1.0, 0.0)], 0.5)
     board.move(1, (0.0, 1.0, 0.0))
     board.dim(0.5)
-    board.change(1, board.asked(1))
-    assert board.undoable == 0 and not board.unsaved
+    board.put(1, board.asked(1))
+    assert board.timeline.undoable == 0 and not board.unsaved
     board.dim(99.0)
     assert board.state.captured == MOST_CAPTURED and not board.unsaved  # the lamps are what is saved
     board.remove(1)
     assert board.unsaved and board.selected is None
-    board.saved()
+    board._saved = board.state
     assert not board.unsaved
-    board.undo()
+    board.timeline.undo()
     assert board.unsaved
 
 
@@ -91,7 +91,7 @@ def test_only_so_many_changes_are_kept():
     board = LampBoard()
     for number in range(MOST_CHANGES + 5):
         board.dim((number % 2) * 0.5)
-    assert board.undoable == MOST_CHANGES
+    assert board.timeline.undoable == MOST_CHANGES
 
 
 @pytest.mark.parametrize(
@@ -120,4 +120,4 @@ def test_what_is_not_there_is_refused():
             board.move(1, position)
     with pytest.raises(InputError, match="captured"):
         board.dim(np.inf)
-    assert board.undoable == 0
+    assert board.timeline.undoable == 0

@@ -67,11 +67,11 @@ def seen(window, place):
 def bulb(window, x=1.2, z=1.2):
     """Click on the plate."""
     click(window, *np.round(seen(window, (x, TOP, z))))
-    return window.session.board.state.lamps[-1].number
+    return window.session.lamps.state.lamps[-1].number
 
 
 def place(window, number):
-    return np.array(place_of(window.session.board.asked(number)))
+    return np.array(place_of(window.session.lamps.asked(number)))
 
 
 def test_a_click_puts_a_bulb_off_the_surface_that_is_seen_there(window):
@@ -82,9 +82,9 @@ def test_a_click_puts_a_bulb_off_the_surface_that_is_seen_there(window):
     # The pixel is rounded; over the plate an object's diagonal is a metre, of which the ball takes none there.
     assert found[1] == pytest.approx(TOP + OFF_M * session.scene.diagonal, rel=1e-4)
     assert found[[0, 2]] == pytest.approx([1.2, 1.2], abs=0.03)
-    asked = session.board.asked(number)
+    asked = session.lamps.asked(number)
     assert asked.color == parse_color("warm") and (asked.brightness.value, asked.brightness.unit) == (2.0, "EV")
-    assert session.board.selected == number and session.board.undoable == 1
+    assert session.lamps.selected == number and session.timeline.undoable == 1
     assert (bare(window) != before).any(axis=2).mean() > 0.05
     window.press_key("z")
     assert np.array_equal(bare(window), before)
@@ -100,21 +100,21 @@ def test_between_two_surfaces_a_bulb_stands_in_the_middle(window):
 
 def test_without_a_surface_there_is_no_lamp(window):
     click(window, 3, SIZE[1] - 60)
-    assert window.session.board.undoable == 0 and "no surface" in window.note
+    assert window.session.timeline.undoable == 0 and "no surface" in window.note
 
 
 def test_a_drag_without_a_lamp_looks_around_and_puts_none_in(window):
     orbit = window.orbit
     drag(window, (240, 200), (300, 220))
-    assert window.orbit != orbit and window.session.board.undoable == 0
+    assert window.orbit != orbit and window.session.timeline.undoable == 0
     window.press_key("t")
     click(window, *np.round(seen(window, (1.2, TOP, 1.2))))
-    assert window.session.board.undoable == 0  # clicks put none in any more
+    assert window.session.timeline.undoable == 0  # clicks put none in any more
 
 
 def test_a_lamp_is_dragged_along_the_surface_and_undone_in_one(window):
     number = bulb(window)
-    window.session.move_lamp(number, (1.2, TOP + 0.3, 1.2))  # the plate is nearest
+    window.session.lamps.move(number, (1.2, TOP + 0.3, 1.2))  # the plate is nearest
     window.session.finish()
     window.tick()
     before, radiance = place(window, number), window.session.radiance()
@@ -128,7 +128,7 @@ def test_a_lamp_is_dragged_along_the_surface_and_undone_in_one(window):
     # Whole pixels, and the directions in which the surface around a lamp is looked for.
     assert after == pytest.approx(before + shift, abs=0.06)
     assert after[1] == pytest.approx(before[1], abs=0.01)
-    assert window.session.board.undoable == 3
+    assert window.session.timeline.undoable == 3
     window.session.finish()
     assert not np.array_equal(window.session.radiance(), radiance)
     window.press_key("z")
@@ -158,7 +158,7 @@ def test_marks_are_where_lamps_are_and_take_the_mouse(window):
         assert (mark.x, mark.y) == pytest.approx(seen(window, place(window, number)))
         assert window.picture()[SIZE[1] - 1 - round(mark.y), round(mark.x)] == pytest.approx(mark.color, abs=2)
     click(window, *seen(window, place(window, numbers[0])))
-    assert window.session.board.selected == numbers[0] and window.session.board.undoable == 2
+    assert window.session.lamps.selected == numbers[0] and window.session.timeline.undoable == 2
     window.press_key("t")
     window.tick()
     assert window.mouse.lamps.marks() == [] and not any(hot.lamp for hot in window.panel.hot)
@@ -169,7 +169,7 @@ def test_keys_change_the_lamp_that_is_selected(window):
     session = window.session
 
     def lamp():
-        return session.board.asked(number)
+        return session.lamps.asked(number)
 
     window.press_key("i")
     assert lamp().brightness.value == 2.5
@@ -182,47 +182,47 @@ def test_keys_change_the_lamp_that_is_selected(window):
         seen_colors.append(lamp().color)
     assert set(seen_colors) == {parse_color(name) for name in COLORS} and seen_colors[-1] == parse_color("warm")
     window.press_key("bracketleft")
-    assert session.board.state.captured == pytest.approx(0.1)
+    assert session.lamps.state.captured == pytest.approx(0.1)
     for _ in range(3):
         window.press_key("bracketleft")
-    assert session.board.state.captured == 0.0
+    assert session.lamps.state.captured == 0.0
     window.press_key("bracketright")
-    assert session.board.state.captured == pytest.approx(0.1)
+    assert session.lamps.state.captured == pytest.approx(0.1)
     window.press_key("d")
-    assert session.board.state.lamps == () and session.board.selected is None
+    assert session.lamps.state.lamps == () and session.lamps.selected is None
     window.press_key("c")
     assert "no lamp is selected" in window.note
-    while session.board.undoable:
+    while session.timeline.undoable:
         window.press_key("z")
     window.press_key("z")
     assert window.note == "nothing to undo"
     for key in "cfid":
         window.press_key(key)
-    assert session.board.undoable == 0
+    assert session.timeline.undoable == 0
 
 
 def test_sliders_set_captured_light_and_the_lamp(window):
     number = bulb(window)
     window.tick()
-    undoable = window.session.board.undoable
+    undoable = window.session.timeline.undoable
     for field, share in (("captured", 0.5), ("lamp_ev", 0.25)):
         hot = next(hot for hot in window.panel.hot if hot.name == field)
         left, bottom, width, height = hot.box
         start = left + 10, bottom + height / 2
         drag(window, start, (left + share * width, bottom + height / 2))
-    assert window.session.board.state.captured == pytest.approx(0.5, abs=0.03)
-    assert window.session.board.asked(number).brightness.value == pytest.approx(-4.0 + 0.25 * 14.0, abs=0.4)
-    assert window.session.board.undoable == undoable + 2
+    assert window.session.lamps.state.captured == pytest.approx(0.5, abs=0.03)
+    assert window.session.lamps.asked(number).brightness.value == pytest.approx(-4.0 + 0.25 * 14.0, abs=0.4)
+    assert window.session.timeline.undoable == undoable + 2
     assert [slider.field for slider in SLIDERS if slider.there(window.session)][-2:] == ["captured", "lamp_ev"]
 
 
 def test_reset_is_a_change_that_can_be_undone(window):
     bulb(window)
-    now = window.session.board.state
+    now = window.session.lamps.state
     window.press_key("r")
-    assert window.session.board.state == window.session.board.start and not window.session.state.placing
+    assert window.session.lamps.state == window.session.lamps.start and not window.session.state.placing
     window.press_key("z")
-    assert window.session.board.state is now
+    assert window.session.lamps.state is now
 
 
 def test_lamps_are_saved_by_a_key_and_on_leaving(window, scene, tmp_path):
@@ -272,18 +272,18 @@ def test_hundreds_of_random_actions_end_with_the_light_of_their_lamps(window, sc
             session.clock.now += 1.0  # the hand rests
         else:
             window.press_key("z")
-        if len(session.board.state.lamps) > 4:
-            session.remove_lamp(session.board.state.lamps[0].number)
+        if len(session.lamps.state.lamps) > 4:
+            session.lamps.remove(session.lamps.state.lamps[0].number)
         window.tick()
         assert session.failure == ""
         shown = session.radiance()
         assert np.isfinite(shown).all()
     session.change(**{name: getattr(session.start, name) for name in ("mode", "albedo", "environment", "effects")})
-    session.add_lamp("1.2,0.5,1.2")
+    session.lamps.add("1.2,0.5,1.2")
     window.finish()
     assert session.complete and session.settled
-    session.save_lamps(tmp_path / "lamps.json")
-    expected = relit(scene, "captured", tmp_path / "lamps.json", session.board.state.captured)
+    session.lamps.save(tmp_path / "lamps.json")
+    expected = relit(scene, "captured", tmp_path / "lamps.json", session.lamps.state.captured)
     assert np.array_equal(session.radiance(), expected)
 
 

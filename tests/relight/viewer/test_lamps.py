@@ -14,9 +14,9 @@ from relight.lamps.asked import AskedLamp, Brightness, LampScale
 from relight.lamps.shapes import SphereLamp
 from relight.viewer.lamp_bench import DARK, MOST_ALONE, MOST_FINISHED, SPARE, LampBench
 from relight.viewer.lamp_board import LampBoard
-from relight.viewer.lamp_source import LampSource
 from relight.viewer.request import SessionRequest
 from relight.viewer.session import Session
+from relight.viewer.sources import LampSource
 from splat2mesh.base.errors import InputError
 
 LAMP = "1.2,0.5,1.2 radius=.1 brightness=+2EV"
@@ -50,12 +50,12 @@ def test_the_light_that_settles_is_that_of_the_saved_lamps(scene, opened, tmp_pa
     session = opened(env, placed=(LAMP,), captured=0.5)
     first = session.radiance()
     session.bench.prepare()
-    added = session.add_lamp("-1.2,0.6,0.3 color=blue")
-    session.move_lamp(1, (0.9, 0.8, -1.1))
-    session.change_lamp(added, color="3000K", stops=1.0)
-    session.dim_captured(0.2)
+    added = session.lamps.add("-1.2,0.6,0.3 color=blue")
+    session.lamps.move(1, (0.9, 0.8, -1.1))
+    session.lamps.change(added, color="3000K", stops=1.0)
+    session.lamps.dim(0.2)
     session.finish()
-    session.save_lamps(tmp_path / "lamps.json")
+    session.lamps.save(tmp_path / "lamps.json")
     expected = relit(scene, env, tmp_path / "lamps.json", 0.2)
     if env == "captured":
         assert np.array_equal(session.radiance(), expected)
@@ -68,19 +68,19 @@ def test_the_light_that_settles_is_that_of_the_saved_lamps(scene, opened, tmp_pa
 def test_a_session_without_lamps_gets_some(scene, opened, tmp_path):
     session = opened("noon")
     alone = session.radiance()
-    number = session.add_lamp(LAMP)
+    number = session.lamps.add(LAMP)
     session.finish()
-    session.save_lamps(tmp_path / "lamps.json")
+    session.lamps.save(tmp_path / "lamps.json")
     expected = relit(scene, "noon", tmp_path / "lamps.json", 0.0)
     assert np.allclose(session.radiance(), expected, rtol=1e-5, atol=1e-6 * expected.max())
     session.change(albedo="white")  # for which no lamps are known
     session.finish()
     assert session.mixture is None
     session.change(albedo="captured")
-    session.remove_lamp(number)
+    session.lamps.remove(number)
     session.finish()
     assert np.allclose(session.radiance(), alone, rtol=1e-6)
-    session.undo(), session.undo()
+    session.timeline.undo(), session.timeline.undo()
     session.finish()
     assert np.array_equal(session.radiance(), alone)
 
@@ -88,12 +88,12 @@ def test_a_session_without_lamps_gets_some(scene, opened, tmp_path):
 def test_undo_and_redo_show_the_same_bits_at_once(opened):
     session = opened(placed=(LAMP,), captured=0.5)
     steps = [
-        lambda: session.add_lamp("0,1.5,0"),
-        lambda: session.move_lamp(2, (0.3, 1.2, 0.4)),
-        lambda: session.change_lamp(2, color="red"),
-        lambda: session.change_lamp(1, brightness="0EV"),
-        lambda: session.dim_captured(0.0),
-        lambda: session.remove_lamp(1),
+        lambda: session.lamps.add("0,1.5,0"),
+        lambda: session.lamps.move(2, (0.3, 1.2, 0.4)),
+        lambda: session.lamps.change(2, color="red"),
+        lambda: session.lamps.change(1, brightness="0EV"),
+        lambda: session.lamps.dim(0.0),
+        lambda: session.lamps.remove(1),
     ]
     seen = [session.radiance()]
     for step in steps:
@@ -103,25 +103,25 @@ def test_undo_and_redo_show_the_same_bits_at_once(opened):
         assert not np.array_equal(seen[-1], seen[-2])
     assert len(steps) < MOST_FINISHED
     for expected in reversed(seen[:-1]):
-        assert session.undo() and session.complete
+        assert session.timeline.undo() and session.complete
         assert np.array_equal(session.radiance(), expected)
-    assert not session.undo()
+    assert not session.timeline.undo()
     for expected in seen[1:]:
-        assert session.redo() and session.complete
+        assert session.timeline.redo() and session.complete
         assert np.array_equal(session.radiance(), expected)
-    assert not session.redo()
+    assert not session.timeline.redo()
 
 
 def test_light_that_was_forgotten_is_found_again_to_the_bit(opened):
     session = opened(placed=(LAMP,), captured=0.5)
-    number = session.add_lamp("0,1.5,0")
+    number = session.lamps.add("0,1.5,0")
     session.finish()
     expected = session.radiance()
     for step in range(MOST_FINISHED + 1):
-        session.move_lamp(number, (0.1 * step, 1.2, 0.4))
+        session.lamps.move(number, (0.1 * step, 1.2, 0.4))
         session.finish()
-    while session.board.undoable > 1:
-        session.undo()
+    while session.timeline.undoable > 1:
+        session.timeline.undo()
     assert not session.complete
     session.finish()
     assert np.array_equal(session.radiance(), expected)
@@ -134,7 +134,7 @@ def test_a_change_shows_before_it_settles(opened):
     session = opened(placed=(LAMP,), captured=0.1)
     warm(session)
     before = session.radiance()
-    session.add_lamp("-1.2,0.6,0.3 radius=.02 brightness=+3EV")
+    session.lamps.add("-1.2,0.6,0.3 radius=.02 brightness=+3EV")
     assert not session.complete and session.waiting_for == "the light of the lamps"
     at_once = session.radiance()
     session.poll()  # too early: the hand may still move
@@ -148,15 +148,15 @@ def test_colour_and_brightness_are_exact_at_once(opened):
     """They scale what is there, bounces included, once the lamp alone has been lit by the rays of its plan."""
     session = opened(placed=(LAMP,), captured=0.1)
     session.bench.prepare()
-    session.move_lamp(1, (1.1, 0.6, 1.2))
+    session.lamps.move(1, (1.1, 0.6, 1.2))
     session.finish()
-    for act in (lambda: session.change_lamp(1, stops=1.0), lambda: session.change_lamp(1, color="cool")):
+    for act in (lambda: session.lamps.change(1, stops=1.0), lambda: session.lamps.change(1, color="cool")):
         act()
         at_once = session.radiance()
         assert not session.complete
         session.finish()
         assert np.allclose(at_once, session.radiance(), rtol=1e-4, atol=1e-4 * at_once.max())
-    session.dim_captured(0.7)
+    session.lamps.dim(0.7)
     at_once = session.radiance()
     session.finish()
     assert np.allclose(at_once, session.radiance(), rtol=1e-4, atol=1e-4 * at_once.max())
@@ -182,9 +182,7 @@ class Counted:
             return Tracer(self, [np.array(each.shape.intensity) * each.brightness.value * each.color for each in lamps])
 
         scale = LampScale(1.0, 1.0)
-        return LampSource(
-            asked, captured, True, lambda: None, light_of, mixture, lambda: scale, lambda rays: None, np.eye(4)
-        )
+        return LampSource(asked, captured, lambda: None, light_of, mixture, lambda: scale, lambda rays: None, np.eye(4))
 
     def direct(self, lights):
         self.traced.append(len(lights))
@@ -250,7 +248,7 @@ def test_only_the_lamp_that_changes_is_traced_at_once(tmp_path):
     assert np.allclose(shown, 2.0 + 0.9 + 1.0 + 2.0)  # its glimpse, with what it bounced before, and the others in full
     settle(bench)
     assert counted.traced == [1, 1, 1, 1, 3] and np.allclose(bench.mixture().radiance, 6.0)
-    board.change(2, point(5.0, value=3.0))
+    board.put(2, point(5.0, value=3.0))
     assert np.allclose(bench.mixture().radiance, 2.0 + 6.0 + 2.0) and counted.glimpsed == 1
     bench.close()
 
@@ -270,7 +268,7 @@ def test_a_lamp_that_goes_out_and_comes_back_keeps_its_term():
     counted = Counted()
     bench, board = bench_of(counted, point(1.0, value=4.0))
     for value, expected in ((0.0, 0.0), (2.0, 4.0)):
-        board.change(1, point(1.0, value=value))
+        board.put(1, point(1.0, value=value))
         assert np.allclose(bench.mixture().radiance, expected)
         settle(bench)
         assert np.allclose(bench.mixture().radiance, expected)
@@ -288,12 +286,12 @@ def test_what_comes_too_late_is_dropped():
     bench.poll(True)
     while not counted.traced:
         pass
-    board.change(number, point(2.0, value=5.0))  # while the first is being traced
+    board.put(number, point(2.0, value=5.0))  # while the first is being traced
     bench.poll(False)
     hold.set()
     settle(bench)
     assert np.allclose(bench.mixture().radiance, 10.0)
-    board.undo()
+    board.timeline.undo()
     assert not bench.settled  # the first was never finished
     settle(bench)
     assert np.allclose(bench.mixture().radiance, 2.0)
@@ -305,11 +303,11 @@ def test_many_lamps_share_a_term_until_they_are_touched():
     lamps = [point(float(x)) for x in range(MOST_ALONE + 8)]
     bench, board = bench_of(counted, *lamps)
     assert counted.traced == [len(lamps)]
-    board.change(3, point(2.0, value=11.0))
+    board.put(3, point(2.0, value=11.0))
     settle(bench)
     assert counted.traced == [len(lamps), 1, len(lamps) - 1, len(lamps)]
     assert np.allclose(bench.mixture().radiance, 2.0 * (len(lamps) - 1 + 11))
-    board.change(3, point(2.0, value=1.0))
+    board.put(3, point(2.0, value=1.0))
     assert np.allclose(bench.mixture().radiance, 2.0 * len(lamps))
     bench.close()
 
@@ -321,7 +319,7 @@ def test_lamps_that_light_nothing_are_reported():
     board.add(point(1.0))
     settle(bench)
     assert bench.message == DARK
-    board.undo()
+    board.timeline.undo()
     assert bench.message == ""
     bench.close()
 
@@ -334,7 +332,7 @@ def test_light_that_cannot_be_found_is_reported_until_something_changes():
     board.add(point(1.0))
     settle(bench)
     assert bench.failure == bench.message == "it is too dark" and not bench.settled
-    board.undo()
+    board.timeline.undo()
     assert bench.failure == "" and bench.settled
     bench.close()
 
@@ -359,10 +357,10 @@ def test_light_that_cannot_be_found_is_reported_until_something_changes():
 def test_lamps_anywhere_give_finite_light_that_settles_as_a_relight(scene, opened, tmp_path, lamp):
     session = opened(captured=0.1)
     warm(session)
-    session.add_lamp(lamp)
+    session.lamps.add(lamp)
     assert np.isfinite(session.radiance()).all()
     session.finish()
-    session.save_lamps(tmp_path / "lamps.json")
+    session.lamps.save(tmp_path / "lamps.json")
     assert np.isfinite(session.radiance()).all() and (session.radiance() >= 0.0).all()
     with pytest.warns() if session.bench.message else np.errstate():
         expected = relit(scene, "captured", tmp_path / "lamps.json", 0.1)
@@ -372,21 +370,20 @@ def test_lamps_anywhere_give_finite_light_that_settles_as_a_relight(scene, opene
 def test_unusable_lamps_are_refused(scene, opened, tmp_path):
     session = opened(captured=0.5)
     for act in (
-        lambda: session.add_lamp("lamp"),
-        lambda: session.add_lamp(7),
-        lambda: session.add_lamp("1.2,0.5,1.2 brightness=+40EV"),
-        lambda: session.move_lamp(3, (0.0, 0.0, 0.0)),
-        lambda: session.dim_captured(np.nan),
-        lambda: session.save_lamps(tmp_path / "lamps.json"),
+        lambda: session.lamps.add("lamp"),
+        lambda: session.lamps.add(7),
+        lambda: session.lamps.add("1.2,0.5,1.2 brightness=+40EV"),
+        lambda: session.lamps.move(3, (0.0, 0.0, 0.0)),
+        lambda: session.lamps.dim(np.nan),
+        lambda: session.lamps.save(tmp_path / "lamps.json"),
     ):
         with pytest.raises(InputError):
             act()
-    number = session.add_lamp(LAMP)
+    number = session.lamps.add(LAMP)
     for changes in ({"color": "guessed"}, {"brightness": "bright"}, {"stops": np.inf}, {"stops": 39.0}, {"name": ""}):
         with pytest.raises(InputError):
-            session.change_lamp(number, **changes)
-    assert session.board.undoable == 1
+            session.lamps.change(number, **changes)
+    assert session.timeline.undoable == 1
     plain = Session(SessionRequest.of(scene, "noon", tolerance=0.05), InlineWorker)
-    with pytest.raises(InputError, match="cannot be changed"):
-        plain.add_lamp(LAMP)
+    assert plain.lamps is None
     plain.close()

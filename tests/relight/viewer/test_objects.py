@@ -65,7 +65,7 @@ def wait_for(session, there, seconds=60.0):
 @pytest.mark.slow
 def test_at_rest_the_light_is_that_of_a_relight_wherever_the_object_was_moved(scene, box, session):
     for at in ((1.1, TOP + 0.15, 1.1), (-1.1, TOP + 0.15, 0.4)):
-        session.move_object(0, at)
+        session.objects.put(0, at)
         session.finish()
         shaded = next(iter(job_of(scene, box, at).shaded()))
         np.testing.assert_array_equal(session.inserted.direct, shaded.inserted.direct)
@@ -76,7 +76,7 @@ def test_the_shadow_follows_before_the_hand_rests(session):
     """A glimpse has the shadow at its new place and none at its old one."""
     vertices, before = session.scene.vertices, session.inserted.ratio.copy()
     session._objects_moved = session._moved = 0.0  # no time passes: the hand never rests
-    session.move_object(0, (-1.1, TOP + 0.15, 1.1))
+    session.objects.put(0, (-1.1, TOP + 0.15, 1.1))
     wait_for(session, lambda: not session.objects.shown.exact)
     assert not session.settled
     flat = abs(vertices[:, 1] - TOP) < 1e-3
@@ -91,8 +91,8 @@ def test_the_shadow_follows_before_the_hand_rests(session):
 def test_reset_and_bad_numbers(session):
     start = session.inserted.ratio.copy()
     with pytest.raises(InputError, match="object 3"):
-        session.move_object(3, (0.0, 0.0, 0.0))
-    session.move_object(0, (0.9, 0.0, -1.0), 30.0)
+        session.objects.put(3, (0.0, 0.0, 0.0))
+    session.objects.put(0, (0.9, 0.0, -1.0), 30.0)
     session.finish()
     assert (session.inserted.ratio != start).any()
     session.reset()
@@ -105,24 +105,24 @@ def test_undo_takes_moves_back_one_by_one_and_gives_the_light_back_to_the_bit(se
     places = [session.objects.placed[0].at]
     lights = [session.inserted.ratio.copy()]
     for at in ((0.9, 0.0, -1.0), (-1.1, TOP + 0.15, 0.4)):
-        session.move_object(0, at)
+        session.objects.put(0, at)
         places.append(at)
     session.finish()
     lights.append(session.inserted.ratio.copy())
-    assert session.undo() and session.objects.placed[0].at == places[1]
-    assert session.undo() and session.objects.placed[0].at == places[0]
+    assert session.timeline.undo() and session.objects.placed[0].at == places[1]
+    assert session.timeline.undo() and session.objects.placed[0].at == places[0]
     session.finish()
     np.testing.assert_array_equal(session.inserted.ratio, lights[0])
-    assert not session.undo()
-    assert session.redo() and session.redo() and not session.redo()
+    assert not session.timeline.undo()
+    assert session.timeline.redo() and session.timeline.redo() and not session.timeline.redo()
     session.finish()
     np.testing.assert_array_equal(session.inserted.ratio, lights[1])
     session.reset()
     assert session.objects.placed[0].at == places[0]
-    assert session.undo() and session.objects.placed[0].at == places[2]
-    session.undo()
-    session.move_object(0, (1.0, 0.0, 1.0))
-    assert not session.redo()  # another way was taken
+    assert session.timeline.undo() and session.objects.placed[0].at == places[2]
+    session.timeline.undo()
+    session.objects.put(0, (1.0, 0.0, 1.0))
+    assert not session.timeline.redo()  # another way was taken
 
 
 def mouse(window, *steps):

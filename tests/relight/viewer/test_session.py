@@ -15,7 +15,7 @@ from relight.viewer import quick
 from relight.viewer.camera import PICTURE_ASPECT, Orbit
 from relight.viewer.controls import CONTROLS, SLIDERS, key_name
 from relight.viewer.lighting import SAMPLE, SessionLighting, _gather, keys
-from relight.viewer.modes import MODES, error_scale, map_colors, vertex_errors
+from relight.viewer.modes import MODES, error_scale, map_colors, surface_colors, vertex_errors
 from relight.viewer.request import SessionRequest
 from relight.viewer.session import REST_SECONDS, Session
 from relight.viewer.state import RANGES, choices_of
@@ -75,7 +75,10 @@ def test_what_settles_is_what_the_engine_gives(scene):
     albedo = linear_from_srgb(scene.colors_srgb / np.float32(255.0))
     light = Environment.load("noon").rotated(70.0)
     expected = Relighter(scene, tolerance=0.05).shading(light, albedo)
-    assert session.lit.sun_count == expected.sun_count > 0 and session.lit.bounces == expected.bounces != []
+    assert (
+        session.answers.lit.sun_count == expected.sun_count > 0
+        and session.answers.lit.bounces == expected.bounces != []
+    )
     assert np.array_equal(session.radiance(), expected.radiance)
 
 
@@ -104,7 +107,7 @@ def test_a_turned_light_shows_at_once_and_the_rest_follows(scene):
 def test_under_smooth_light_what_shows_at_once_is_nearly_all(scene):
     session = session_of(scene, "overcast", tolerance=0.02)
     session.finish()
-    assert session.lit.sun_count == 0 and len(session.lit.bounces) > 0
+    assert session.answers.lit.sun_count == 0 and len(session.answers.lit.bounces) > 0
     # Bounced light beyond four bands, by few rays; below the tolerance in any case.
     assert relative(session.quick_radiance(), session.radiance()) < 0.015
 
@@ -113,7 +116,7 @@ def test_each_effect_that_is_off_is_the_engine_without_it(scene):
     session = session_of(scene)
     light, albedo = Environment.load("noon"), linear_from_srgb(scene.colors_srgb / np.float32(255.0))
     session.finish()
-    errors = {"all": session.error}
+    errors = {"all": session.answers.error}
     relighter = Relighter(scene, tolerance=0.05)
     settings = relighter.shading(light, albedo).settings
     for effects, expected in (
@@ -124,12 +127,12 @@ def test_each_effect_that_is_off_is_the_engine_without_it(scene):
         session.change(effects=effects)
         session.finish()
         assert np.array_equal(session.radiance(), relighter.shading(light, albedo, expected).radiance)
-        errors[" ".join(sorted(effects))] = session.error
+        errors[" ".join(sorted(effects))] = session.answers.error
     for effects in ({"sun", "bounces"}, set()):
         session.change(effects=effects)
         assert session.effects == frozenset()
         session.finish()
-        errors["none"] = session.error
+        errors["none"] = session.answers.error
     assert errors["all"] == min(errors.values()) < 0.05 and errors["none"] > 0.1
 
 
@@ -141,7 +144,7 @@ def test_the_stated_error_is_the_distance_from_the_truth():
     for factor in (0.9, 1.0, 1.1):
         shown = np.full((len(ball.vertices), 3), factor, np.float32)
         # The reference shines from 8192 cells: their cosines sum to pi within a thousandth.
-        assert lighting._error_of(shown, shown, session.wish) == pytest.approx(abs(factor - 1.0), abs=2e-3)
+        assert lighting._error_of(shown, shown, session.answers.wish) == pytest.approx(abs(factor - 1.0), abs=2e-3)
 
 
 def test_what_the_stated_error_gathers_is_what_surrounds_a_vertex():
@@ -245,26 +248,21 @@ def test_the_error_view_measures_against_converged_light(scene):
     session.change(mode="error")
     assert vertex_errors(session) is None  # nothing is there yet, and nothing is made up
     session.finish()
-    assert session.reference.error < session.error < 0.05
+    assert session.answers.reference.error < session.answers.error < 0.05
     errors = vertex_errors(session)
-    length = np.linalg.norm(session.reference.radiance, axis=1)
+    length = np.linalg.norm(session.answers.reference.radiance, axis=1)
     overall = np.linalg.norm(errors * (length + 0.01 * np.sqrt(np.mean(length**2)))) / np.linalg.norm(length)
-    assert overall == pytest.approx(relative(session.radiance(), session.reference.radiance), rel=1e-4)
+    assert overall == pytest.approx(relative(session.radiance(), session.answers.reference.radiance), rel=1e-4)
     assert (errors > error_scale(session)).mean() <= 0.02
-    assert np.array_equal(session.colors(), map_colors(errors / error_scale(session)))
+    assert np.array_equal(surface_colors(session), map_colors(errors / error_scale(session)))
 
 
-def test_views_show_albedo_normals_and_chunks_whatever_the_light(scene):
+def test_views_show_albedo_and_normals_whatever_the_light(scene):
     session = session_of(scene)
     expected = {"albedo": scene.colors_srgb, "normals": bytes_from_unit(0.5 + 0.5 * scene.normals)}
     for name, colors in expected.items():
         session.change(mode=name, angle_deg=50.0)
-        assert np.abs(session.colors().astype(int) - colors).max() <= 1
-    session.change(mode="chunks")
-    sizes = np.cumsum([len(chunk.vertices) for chunk in scene.chunks])
-    hues = [part / part.sum(axis=1, keepdims=True) for part in np.split(session.colors().astype(float), sizes[:-1])]
-    assert len(hues) > 1 and all(np.ptp(hue, axis=0).max() < 0.02 for hue in hues)
-    assert np.abs(hues[0][0] - hues[1][0]).max() > 0.1
+        assert np.abs(surface_colors(session).astype(int) - colors).max() <= 1
 
 
 def test_the_error_scale_grows_brighter_all_the_way():
@@ -285,21 +283,21 @@ def test_the_worker_answers_as_if_it_were_here_and_survives_bad_lights(scene, tm
         session.finish()
         here = session_of(scene)
         here.finish()
-        assert np.array_equal(session.radiance(), here.radiance()) and session.error == here.error
+        assert np.array_equal(session.radiance(), here.radiance()) and session.answers.error == here.answers.error
         session.change(environment="broken")
         with pytest.raises(InputError, match=r"broken\.hdr"):
             session.finish()
-        assert "broken.hdr" in session.message and session.light_name == "noon"
+        assert "broken.hdr" in session.answers.message and session.answers.light_name == "noon"
         session.change(
             environment="noon", tolerance=0.003, mode="error"
         )  # seconds of work, of no use once the next wish is there
-        while session.progress is None and not session.settled:  # the worker has not begun
+        while session.answers.progress is None and not session.settled:  # the worker has not begun
             session.poll()
         session.change(tolerance=0.05, mode="relit", angle_deg=10.0)
         session.finish()
-        assert session.message == "" and session.complete
-        session._worker._process.kill()
-        while "ended" not in session.message:
+        assert session.answers.message == "" and session.complete
+        session.answers._worker._process.kill()
+        while "ended" not in session.answers.message:
             session.poll()
         session.change(angle_deg=200.0)
         assert session.radiance() is not None and not session.complete  # by harmonics, without the worker
@@ -313,20 +311,20 @@ def test_the_worker_answers_as_if_it_were_here_and_survives_bad_lights(scene, tm
 def test_a_light_that_is_asked_for_again_is_complete_when_it_is_answered_again(scene, polled):
     """Once answered, then left for another whose light has come in: what shows is the other's."""
     session = session_of(scene, worker=ByHand)
-    worker, first = session._worker, session.wish
+    worker, first = session.answers._worker, session.answers.wish
     worker.shade(first)
     worker.say("done", first)
     session.poll()
     assert session.settled and session.complete
     session.change(effects=())
-    second = session.wish
+    second = session.answers.wish
     assert not session.settled
     worker.shade(second)
     if polled:
         session.poll()
         assert session.complete and not session.settled
     session.reset()
-    assert session.wish == first and worker.asked == [first, second, first]
+    assert session.answers.wish == first and worker.asked == [first, second, first]
     session.poll()
     assert not session.complete and not session.settled
     worker.shade(first)
@@ -339,22 +337,22 @@ def test_a_light_that_is_asked_for_again_is_complete_when_it_is_answered_again(s
 
 def test_an_answer_that_was_under_way_does_not_hide_what_came_after_it(scene):
     session = session_of(scene, worker=ByHand)
-    worker, first = session._worker, session.wish
+    worker, first = session.answers._worker, session.answers.wish
     worker.shade(first)
     worker.say("done", first)
     session.change(effects=())
-    worker.shade(session.wish)
+    worker.shade(session.answers.wish)
     session.reset()
     session.poll()  # takes in all of it at once
-    assert session.wish == first and not session.complete and not session.settled
+    assert session.answers.wish == first and not session.complete and not session.settled
 
 
 def test_a_light_that_failed_is_tried_again(scene):
     session = session_of(scene, worker=ByHand)
-    worker, first = session._worker, session.wish
+    worker, first = session.answers._worker, session.answers.wish
     worker.say("failed", first, "it is dark")
     session.poll()
-    assert session.failure == session.message == "it is dark"
+    assert session.failure == session.answers.message == "it is dark"
     session.change(effects=())
     assert session.failure == ""
     session.reset()
@@ -362,7 +360,7 @@ def test_a_light_that_failed_is_tried_again(scene):
 
 
 def test_only_work_that_a_newer_wish_makes_pointless_ends_early(scene):
-    wish = session_of(scene).wish
+    wish = session_of(scene).answers.wish
     turned, finer = wish._replace(angle_deg=5.0), wish._replace(tolerance=0.01)
     unchanged = {kind for kind, key in keys(wish).items() if keys(turned)[kind] == key}
     assert unchanged == {"light", "unshadowed", "transfer", "bounced", "reference"}
@@ -384,7 +382,7 @@ def test_every_control_is_distinct_and_explained():
         "hand",
         "both",
     }
-    assert [control.key for control in CONTROLS if control.text.startswith(MODES["error"].title)] == ["5"]
+    assert [control.key for control in CONTROLS if control.text.startswith(MODES["error"].title)] == ["4"]
     assert SAMPLE == 256  # the panel says so
 
 
@@ -430,6 +428,6 @@ def test_a_picture_fits_into_what_the_panel_leaves_free(within, aspect):
 def test_without_a_process_the_same_messages_come(scene):
     worker = InlineWorker(scene, {"noon": "noon"}, {"white": None})
     assert worker.poll() == []
-    worker.submit(session_of(scene, albedos={"white": None}).wish)
+    worker.submit(session_of(scene, albedos={"white": None}).answers.wish)
     kinds = [message[0] if message[0] != "result" else message[1] for message in worker.poll()]
     assert kinds[:2] == ["unshadowed", "light"] and kinds[-1] == "done" and "shading" in kinds

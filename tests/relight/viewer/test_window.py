@@ -87,7 +87,7 @@ def test_every_control_changes_the_pixels_it_should_and_no_others(window):
     window.session.change(tolerance=0.01)  # which calls for every effect
     window.session.start = window.session.state
     before = bare(window)
-    assert window.session.called_for == window.session.available - {"volume"}  # nothing grows here
+    assert window.session.answers.called_for == window.session.answers.available - {"volume"}  # nothing grows here
     for key, area in expected.items():
         window.press_key(key)
         if key == "space":
@@ -306,7 +306,7 @@ def test_nothing_written_overlaps_or_leaves_the_window(scene, size):
         for settled in (False, True):
             if settled:
                 session.finish()
-            session.progress = ("bounce rays", 0.45)
+            session.answers.progress = ("bounce rays", 0.45)
             panel.draw(session, size, 29.7, "")
             boxes = list(panel.boxes.items())
             for index, ((text, *_), (left, bottom, width, height)) in enumerate(boxes):
@@ -332,7 +332,7 @@ def test_the_panel_shows_error_times_and_what_is_missing(window):
     window.session.finish()
     window.picture()
     written = " ".join(text for text, *_ in window.panel.boxes)
-    assert f"error {100 * window.session.error:.2g} %" in written and " ms" in written and " suns" in written
+    assert f"error {100 * window.session.answers.error:.2g} %" in written and " ms" in written and " suns" in written
     window.session.change(angle_deg=40.0)
     window.picture()
     assert any("on the way" in text for text, *_ in window.panel.boxes)
@@ -382,8 +382,8 @@ def test_a_thousand_random_actions_leave_no_error_and_no_memory(scene, tmp_path,
     assert after - before < 6.0
     window.reset()
     window.finish()
-    assert session.complete and session.error < 0.05
-    assert watched is False or resident(session._worker._process.pid) < 1000.0
+    assert session.complete and session.answers.error < 0.05
+    assert watched is False or resident(session.answers._worker._process.pid) < 1000.0
     window.close()
 
 

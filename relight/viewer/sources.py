@@ -1,4 +1,4 @@
-"""The light of a session's objects: the engine, in the form that the session needs."""
+"""The engine behind a session, in the form that its lamps, its objects and its captured light need."""
 
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -6,15 +6,48 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from splat2mesh.render.raycaster import Hits
+
+from ..engine.light_mix import LightBeside
+from ..engine.placed import LampLight, Placed
 from ..insert.asked import AskedInsert
-from ..lamps.asked import AskedLamp
+from ..lamps.asked import AskedLamp, LampScale
 
 if TYPE_CHECKING:
     from splat2mesh.render.view import View
     from splat2mesh.splats.splats import Splats
 
+    from ..engine.by_hand import LightByHand
     from ..insert.inserts import InsertedLight
     from ..splats.floor_mirror import FloorMirror
+
+
+class LampSum(NamedTuple):
+    """The light of several lamps: (V, 3) float32 exit radiance, and irradiance over pi."""
+
+    radiance: NDArray[np.float32]
+    received: NDArray[np.float32]
+
+
+class LampSource(NamedTuple):
+    """A scene whose lamps can be changed.
+
+    asked, captured: the lamps at the start, in the frame of the splat, and the factor on the captured light. prepare:
+    the long work, done once. light_of: the LampLight of lamps beside a factor on the captured light. mixture: the
+    LightBeside of a factor on the captured light and of lamps, or None for no lamps. scale: the LampScale. first_hits:
+    the hits of rays (N, 6) in the frame of the scene; distances in lengths of their directions. command: the command
+    that relights with the saved lamps.
+    """
+
+    asked: Sequence[AskedLamp]
+    captured: float
+    prepare: Callable[[], None]
+    light_of: Callable[[Sequence[AskedLamp], float], LampLight]
+    mixture: Callable[[float, Placed | LampSum | None], LightBeside]
+    scale: Callable[[], LampScale]
+    first_hits: Callable[[NDArray[np.float32]], Hits]
+    scene_from_splat: NDArray[np.float64]
+    command: str = ""
 
 
 class ObjectsUnder(NamedTuple):
@@ -50,3 +83,11 @@ class ObjectSource(NamedTuple):
     floor: "Callable[[InsertedLight, float], FloorMirror | None]"
     drawn: "Callable[[Splats, InsertedLight, float, View, int], Splats]"
     scene_from_splat: NDArray[np.float64]
+
+
+class HandSource(NamedTuple):
+    """A scene whose captured light can be set. lights: returns its LightByHand, called in a thread since it may trace
+    rays. first_hits: of rays (N, 6) float32, scene frame."""
+
+    lights: "Callable[[], LightByHand]"
+    first_hits: Callable[[NDArray[np.float32]], Hits]
