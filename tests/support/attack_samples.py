@@ -140,8 +140,6 @@ def _meshes(folder):
         corners = "".join("  vertex {} {} {}\n".format(*points[corner]) for corner in face)
         text += f"facet normal 0 0 1\n outer loop\n{corners} endloop\nendfacet\n"
     found["mesh.ascii.stl"] = {"a.stl": (text + "endsolid a\n").encode()}, "a.stl"
-    off = f"OFF\n{len(points)} {len(faces)} 0\n{rows}{listed}"
-    found["mesh.off"] = {"a.off": off.encode()}, "a.off"
     document, blob = _gltf(points, normals, faces)
     found["mesh.glb"] = {"a.glb": _glb(document, blob)}, "a.glb"
     apart = document | {"buffers": [{"byteLength": len(blob), "uri": "a.bin"}]}
