@@ -21,9 +21,9 @@ from .base.choices import (
 )
 from .base.collecting import compile_without_collector
 from .base.commandline import Parser, chosen, count
+from .base.completion import add_completion, offer
 from .base.console import Display, open_streams, peak_mb, run
 from .base.errors import InputError
-from .base.manual import add_manuals, offer
 from .base.requests import given, option_names
 from .base.version import VERSION
 from .options import ConvertOptions, TilingOptions
@@ -88,7 +88,7 @@ def parser() -> argparse.ArgumentParser:
     add("--info", action="store_true", help="print what a file is: splats, cameras, a light or a mesh; and do nothing")
     add_display(add)
     add("--version", action="version", version=f"%(prog)s {VERSION}")
-    add_manuals(parser)
+    add_completion(parser)
     offer(parser, MESHING_WORDS)
     return parser
 
