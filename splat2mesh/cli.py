@@ -85,7 +85,7 @@ def parser() -> argparse.ArgumentParser:
     add_tiling(parser)
     add("--overwrite", action="store_true", help="replace an existing scene folder")
     add("--plan", action="store_true", help="print what the command would do, and do nothing")
-    add("--info", action="store_true", help="print what a file is: splats, cameras, a light or a mesh; and do nothing")
+    add("--info", action="store_true", help="print what a splat or its cameras hold, and do nothing")
     add_display(add)
     add("--version", action="version", version=f"%(prog)s {VERSION}")
     add_completion(parser)

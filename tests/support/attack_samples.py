@@ -75,7 +75,7 @@ def _newer_splats(folder, splats):
     write_lcc(folder / "lcc", [palette_splats(30, 3), palette_splats(10, 3)], palette_splats(5, 3))
     scene = {f"scene/{each.name}": each.read_bytes() for each in (folder / "lcc").iterdir()}
     found["splat.lcc"] = scene, "scene/meta.lcc"
-    names = [f"out/splat_{number}.ply" for number in (7000, 30000)]
+    names = [f"out/point_cloud/iteration_{number}/point_cloud.ply" for number in (7000, 30000)]
     found["splat.checkpoints"] = dict.fromkeys(names, (folder / "whole.ply").read_bytes()), "out"
     return found | _usd_splats(folder, splats)
 
