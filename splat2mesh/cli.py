@@ -24,6 +24,7 @@ from .base.commandline import Parser, chosen, count
 from .base.completion import add_completion, offer
 from .base.console import Display, open_streams, peak_mb, run
 from .base.errors import InputError
+from .base.inputs import is_url
 from .base.requests import given, option_names
 from .base.version import VERSION
 from .options import ConvertOptions, TilingOptions
@@ -46,15 +47,24 @@ DEFAULT_TEXTURE = "auto"
 KERNELS = Path(__file__).with_name(LIST)
 """Kernels that the command compiles on its first run."""
 
-_CHOSEN = (
-    ("detail", "--detail", DETAIL_CHOICES),
-    ("surface", "--surface", SURFACE_CHOICES),
-    ("background", "--background", BACKGROUND_CHOICES),
-    ("stand", "--from", STAND_CHOICES),
-    ("foliage", "--foliage", FOLIAGE_CHOICES),
-    ("proxy", "--proxy", PROXY_CHOICES),
-)
+_CHOSEN: dict[str, tuple[str, tuple[str, ...]]] = {
+    "detail": ("--detail", DETAIL_CHOICES),
+    "surface": ("--surface", SURFACE_CHOICES),
+    "background": ("--background", BACKGROUND_CHOICES),
+    "stand": ("--from", STAND_CHOICES),
+    "foliage": ("--foliage", FOLIAGE_CHOICES),
+    "proxy": ("--proxy", PROXY_CHOICES),
+}
 """Fields whose words ignore case, with the option of each."""
+
+MESHING_WORDS: dict[str, Iterable[str]] = {
+    **dict(_CHOSEN.values()),
+    "--up": UP_CHOICES,
+    "--vertices": ("auto",),
+    "--texture": ("auto", "none"),
+    "--lod": ("auto",),
+}
+"""Words that shells offer for the options of `add_meshing`."""
 
 
 def parser() -> argparse.ArgumentParser:
@@ -124,20 +134,6 @@ def add_meshing(add: Callable[..., Any], default_texture: int | str = ConvertOpt
     add("--proxy", metavar="KIND", help=proxy)
 
 
-MESHING_WORDS: dict[str, Iterable[str]] = {
-    "--up": UP_CHOICES,
-    "--detail": DETAIL_CHOICES,
-    "--surface": SURFACE_CHOICES,
-    "--background": BACKGROUND_CHOICES,
-    "--from": STAND_CHOICES,
-    "--proxy": PROXY_CHOICES,
-    "--vertices": ("auto",),
-    "--texture": ("auto", "none"),
-    "--lod": ("auto",),
-}
-"""Words that shells offer for the options of `add_meshing`."""
-
-
 def add_tiling(parser: argparse.ArgumentParser) -> None:
     """Add the options of cities in tiles, which both commands have."""
     add = parser.add_argument_group("cities in tiles").add_argument
@@ -171,7 +167,7 @@ def convert_options(words: argparse.Namespace) -> ConvertOptions:
         said["texture"] = said["texture"].lower()
     if "eyes" in said:
         said["eyes"] = [_point(text) for text in said["eyes"]]
-    for name, option, choices in _CHOSEN:
+    for name, (option, choices) in _CHOSEN.items():
         if name in said:
             said[name] = chosen(option, said[name], choices)
     return ConvertOptions(**said)
@@ -216,7 +212,7 @@ def _meshed(
     from .base.kernels import without_blas, without_c_functions
 
     without_blas()
-    from .api import is_url, mesh_files, plan_mesh
+    from .api import mesh_files, plan_mesh
     from .base.progress import Stages
 
     if not hasattr(words, "texture") and tiling is None and not is_url(words.input):

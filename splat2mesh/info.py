@@ -15,7 +15,7 @@ from .capture import is_place, standing_of
 from .layout import is_layout, read_layout
 from .options import ConvertOptions
 from .render.view import View
-from .splats.cleaning import usable
+from .splats.cleaning import REASONS, usable
 from .splats.formats import parts_of, read_splats
 from .splats.formats.register import BY_KIND, kind_of_file
 from .splats.splats import MIN_SPLATS, Splats
@@ -30,13 +30,6 @@ LOOKED_AT = 200_000
 """Splats from which up and the kind of the capture are found; of more an even share, widened to cover as much."""
 
 HOLDS = {"outside": "an object", "inside": "a room", "both": "a place in the open"}
-
-_REASONS = {
-    "non_finite": "a NaN or infinite value",
-    "absurd": "a position or scale out of any useful range",
-    "zero_quaternion": "a zero quaternion",
-    "invisible": "an opacity below 1/255",
-}
 
 
 def info_of(path: str | os.PathLike[str], options: ConvertOptions | None = None) -> dict[str, Any]:
@@ -95,7 +88,7 @@ def _splats(path: Path, asked: ConvertOptions) -> dict[str, Any]:
         "format": form.title,
         "files": [os.fspath(tile) for tile in parts.tiles[:1]] if len(parts.tiles) == 1 else len(parts.tiles),
         "splats": len(splats),
-        "dropped": {_REASONS[name]: count for name, count in counts.items() if count},
+        "dropped": {REASONS[name]: count for name, count in counts.items() if count},
         "sh_degree": splats.degree,
         "axes": facts.frame or form.frame,
         "antialiased": facts.antialiased,

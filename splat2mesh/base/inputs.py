@@ -44,6 +44,11 @@ def file_size(path: str | os.PathLike[str], what: str = "file") -> int:
     return found.st_size
 
 
+def is_url(path: str | os.PathLike[str]) -> bool:
+    """Whether a path is a URL, which fsspec reads."""
+    return "://" in os.fspath(path)
+
+
 def check_special(path: str | os.PathLike[str]) -> None:
     """Raise InputError for pipes, sockets and devices, on which a reader would wait; files, folders and missing paths
     pass."""
