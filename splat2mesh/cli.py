@@ -25,6 +25,7 @@ from .base.completion import add_completion, offer
 from .base.console import Display, open_streams, peak_mb, run
 from .base.errors import InputError
 from .base.inputs import is_url
+from .base.progress import Stages
 from .base.requests import given, option_names
 from .base.version import VERSION
 from .options import ConvertOptions, TilingOptions
@@ -213,7 +214,6 @@ def _meshed(
 
     without_blas()
     from .api import mesh_files, plan_mesh
-    from .base.progress import Stages
 
     if not hasattr(words, "texture") and tiling is None and not is_url(words.input):
         options = ConvertOptions.of(options, texture=DEFAULT_TEXTURE)

@@ -10,6 +10,7 @@ import struct
 import warnings
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 import numpy as np
 from numpy.typing import NDArray
@@ -184,8 +185,6 @@ class GltfData:
         return self._buffers[index]
 
     def _beside(self, uri: str, what: str) -> bytes:
-        from urllib.parse import unquote
-
         file = inside(self.path.parent, unquote(uri), self.path)
         if not file.is_file():
             raise InputError(f"{self.path}: its {what} {uri} is not beside it")
