@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from splat2mesh.base.commandline import Parser
-from splat2mesh.base.manual import add_manuals, offer
+from splat2mesh.base.completion import add_completion, offer
 from splat2mesh.base.version import VERSION
 from splat2mesh.cli import MESHING_WORDS, add_display, add_meshing, add_tiling
 
@@ -246,6 +246,6 @@ def parser() -> argparse.ArgumentParser:
     add("--overwrite", action="store_true", help="replace results of other settings")
     add_display(add)
     add("--version", action="version", version=f"%(prog)s {VERSION}")
-    add_manuals(parser)
+    add_completion(parser)
     offer(parser, MESHING_WORDS | WORDS)
     return parser

@@ -6,16 +6,15 @@ from pathlib import Path
 from typing import Any
 
 from .base.errors import InputError
+from .base.inputs import is_url
 from .base.outputs import check_output
 from .base.progress import Stages
-from .layout import convert_layout, is_layout, plan_layout
+from .layout import converted_layout, is_layout, planned_layout
 from .options import ConvertOptions, TilingOptions
-from .pipeline import convert as convert_splat
-from .pipeline import plan as plan_splat
+from .pipeline import converted, planned
 from .scene.folder import META
 from .scene.scene import Scene
-
-_SOG_METAS = ("meta.json", "lod-meta.json", "meta.lcc")
+from .splats.formats.parts import METAS
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +64,7 @@ def convert(
     >>> scene.save("garden")  # doctest: +SKIP
     """
     asked = ConvertOptions.of(options, **changes)
-    return (convert_layout if is_layout(path) else convert_splat)(path, asked, stages=stages)
+    return (converted_layout if is_layout(path) else converted)(path, asked, stages or Stages())
 
 
 def plan_mesh(
@@ -82,7 +81,7 @@ def plan_mesh(
         from .tiles.outlook import outlook
 
         return outlook(path, asked, tiling, stages=stages)
-    return (plan_layout if is_layout(path) else plan_splat)(path, asked)
+    return (planned_layout if is_layout(path) else planned)(path, asked)
 
 
 def mesh_files(
@@ -145,12 +144,7 @@ def default_folder(path: str | os.PathLike[str]) -> str:
     if not is_url(path) and not source.exists():
         raise InputError(f"{source}: no such file")
     source = source.resolve()
-    if source.name in _SOG_METAS:
+    if source.name in METAS:
         source = source.parent
     name = source.name.split(".")[0] or "scene"
     return f"{name}_scene" if Path(name).resolve() == source else name
-
-
-def is_url(path: str | os.PathLike[str]) -> bool:
-    """Whether a path is a URL, which fsspec reads."""
-    return "://" in os.fspath(path)

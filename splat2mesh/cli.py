@@ -21,9 +21,11 @@ from .base.choices import (
 )
 from .base.collecting import compile_without_collector
 from .base.commandline import Parser, chosen, count
+from .base.completion import add_completion, offer
 from .base.console import Display, open_streams, peak_mb, run
 from .base.errors import InputError
-from .base.manual import add_manuals, offer
+from .base.inputs import is_url
+from .base.progress import Stages
 from .base.requests import given, option_names
 from .base.version import VERSION
 from .options import ConvertOptions, TilingOptions
@@ -46,15 +48,24 @@ DEFAULT_TEXTURE = "auto"
 KERNELS = Path(__file__).with_name(LIST)
 """Kernels that the command compiles on its first run."""
 
-_CHOSEN = (
-    ("detail", "--detail", DETAIL_CHOICES),
-    ("surface", "--surface", SURFACE_CHOICES),
-    ("background", "--background", BACKGROUND_CHOICES),
-    ("stand", "--from", STAND_CHOICES),
-    ("foliage", "--foliage", FOLIAGE_CHOICES),
-    ("proxy", "--proxy", PROXY_CHOICES),
-)
+_CHOSEN: dict[str, tuple[str, tuple[str, ...]]] = {
+    "detail": ("--detail", DETAIL_CHOICES),
+    "surface": ("--surface", SURFACE_CHOICES),
+    "background": ("--background", BACKGROUND_CHOICES),
+    "stand": ("--from", STAND_CHOICES),
+    "foliage": ("--foliage", FOLIAGE_CHOICES),
+    "proxy": ("--proxy", PROXY_CHOICES),
+}
 """Fields whose words ignore case, with the option of each."""
+
+MESHING_WORDS: dict[str, Iterable[str]] = {
+    **dict(_CHOSEN.values()),
+    "--up": UP_CHOICES,
+    "--vertices": ("auto",),
+    "--texture": ("auto", "none"),
+    "--lod": ("auto",),
+}
+"""Words that shells offer for the options of `add_meshing`."""
 
 
 def parser() -> argparse.ArgumentParser:
@@ -85,10 +96,10 @@ def parser() -> argparse.ArgumentParser:
     add_tiling(parser)
     add("--overwrite", action="store_true", help="replace an existing scene folder")
     add("--plan", action="store_true", help="print what the command would do, and do nothing")
-    add("--info", action="store_true", help="print what a file is: splats, cameras, a light or a mesh; and do nothing")
+    add("--info", action="store_true", help="print what a splat or its cameras hold, and do nothing")
     add_display(add)
     add("--version", action="version", version=f"%(prog)s {VERSION}")
-    add_manuals(parser)
+    add_completion(parser)
     offer(parser, MESHING_WORDS)
     return parser
 
@@ -124,20 +135,6 @@ def add_meshing(add: Callable[..., Any], default_texture: int | str = ConvertOpt
     add("--proxy", metavar="KIND", help=proxy)
 
 
-MESHING_WORDS: dict[str, Iterable[str]] = {
-    "--up": UP_CHOICES,
-    "--detail": DETAIL_CHOICES,
-    "--surface": SURFACE_CHOICES,
-    "--background": BACKGROUND_CHOICES,
-    "--from": STAND_CHOICES,
-    "--proxy": PROXY_CHOICES,
-    "--vertices": ("auto",),
-    "--texture": ("auto", "none"),
-    "--lod": ("auto",),
-}
-"""Words that shells offer for the options of `add_meshing`."""
-
-
 def add_tiling(parser: argparse.ArgumentParser) -> None:
     """Add the options of cities in tiles, which both commands have."""
     add = parser.add_argument_group("cities in tiles").add_argument
@@ -171,7 +168,7 @@ def convert_options(words: argparse.Namespace) -> ConvertOptions:
         said["texture"] = said["texture"].lower()
     if "eyes" in said:
         said["eyes"] = [_point(text) for text in said["eyes"]]
-    for name, option, choices in _CHOSEN:
+    for name, (option, choices) in _CHOSEN.items():
         if name in said:
             said[name] = chosen(option, said[name], choices)
     return ConvertOptions(**said)
@@ -216,8 +213,7 @@ def _meshed(
     from .base.kernels import without_blas, without_c_functions
 
     without_blas()
-    from .api import is_url, mesh_files, plan_mesh
-    from .base.progress import Stages
+    from .api import mesh_files, plan_mesh
 
     if not hasattr(words, "texture") and tiling is None and not is_url(words.input):
         options = ConvertOptions.of(options, texture=DEFAULT_TEXTURE)

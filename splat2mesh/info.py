@@ -1,4 +1,4 @@
-"""What a file is and what would become of it, in seconds: splats, cameras, lights, layouts, meshes, scenes."""
+"""What a splat, its cameras or a layout hold and what would become of them, in seconds."""
 
 import os
 import warnings
@@ -10,16 +10,14 @@ from typing import Any
 import numpy as np
 
 from .base.errors import DataWarning, InputError
-from .base.inputs import check_special, file_size, reading
+from .base.inputs import check_special, read_json, reading
 from .capture import is_place, standing_of
 from .layout import is_layout, read_layout
 from .options import ConvertOptions
 from .render.view import View
-from .scene.folder import META
-from .splats.cleaning import usable
+from .splats.cleaning import REASONS, usable
 from .splats.formats import parts_of, read_splats
-from .splats.formats.folders import FramesError
-from .splats.formats.register import BY_KIND, kind_of_file, looks_like_splat
+from .splats.formats.register import BY_KIND, kind_of_file
 from .splats.splats import MIN_SPLATS, Splats
 from .surface.background import far_background
 from .views.cameras import KINDS as CAMERA_KINDS
@@ -33,22 +31,12 @@ LOOKED_AT = 200_000
 
 HOLDS = {"outside": "an object", "inside": "a room", "both": "a place in the open"}
 
-_REASONS = {
-    "non_finite": "a NaN or infinite value",
-    "absurd": "a position or scale out of any useful range",
-    "zero_quaternion": "a zero quaternion",
-    "invisible": "an opacity below 1/255",
-}
-_LIGHTS = ".exr", ".hdr", ".pic"
-_MESHES = ".obj", ".stl", ".off", ".glb", ".gltf", ".ply"
-_HEADER_BYTES = 1 << 20
-
 
 def info_of(path: str | os.PathLike[str], options: ConvertOptions | None = None) -> dict[str, Any]:
-    """Describe a file or folder of any kind that the commands read.
+    """Describe a file or folder of splats or cameras, or a layout.
 
-    options: `lod`, `cameras` and `up` count. It is JSON-clean. `what` is splats, cameras, light, layout, mesh or
-    scene; `warnings` are those of reading. Raises InputError for what is missing, broken, or of no known kind.
+    options: `lod`, `cameras` and `up` count. It is JSON-clean. `what` is splats, cameras or layout; `warnings` are
+    those of reading. Raises InputError for what is missing, broken, or of no known kind.
     """
     path, asked = Path(path), options or ConvertOptions()
     if not os.path.lexists(path):
@@ -64,21 +52,10 @@ def info_of(path: str | os.PathLike[str], options: ConvertOptions | None = None)
 def _describer(path: Path) -> Callable[[Path, ConvertOptions], dict[str, Any]]:
     suffix = path.suffix.lower()
     if path.is_dir():
-        if (path / META).is_file():
-            return _scene
         return _cameras if _holds_cameras(path) else _splats
-    if suffix in _LIGHTS:
-        return _light
     if suffix == ".json" and is_layout(path):
         return _layout if _is_layout_of_splats(path) else _cameras
-    if suffix in _MESHES and not looks_like_splat(path):
-        return _mesh if suffix != ".ply" or _has_faces(path) else _splats
     return _cameras if suffix in (".txt", ".bin") and is_colmap(path.parent) else _splats
-
-
-def _has_faces(path: Path) -> bool:
-    with open(path, "rb") as file:
-        return b"\nelement face" in file.read(_HEADER_BYTES)
 
 
 def _holds_cameras(folder: Path) -> bool:
@@ -93,8 +70,6 @@ def _holds_cameras(folder: Path) -> bool:
 
 
 def _is_layout_of_splats(path: Path) -> bool:
-    from .base.inputs import read_json
-
     try:
         content = read_json(path)
     except ValueError:  # an InputError is one
@@ -103,12 +78,7 @@ def _is_layout_of_splats(path: Path) -> bool:
 
 
 def _splats(path: Path, asked: ConvertOptions) -> dict[str, Any]:
-    try:
-        parts = parts_of(path, asked.lod)
-    except FramesError as error:
-        first = _splats(error.frames[0], asked)
-        warnings.warn(str(error), DataWarning, stacklevel=2)
-        return first | {"frames": len(error.frames), "holds": f"a sequence of {len(error.frames)} frames"}
+    parts = parts_of(path, asked.lod)
     kind = kind_of_file(parts.tiles[0])
     splats = read_splats(path, asked.lod)
     keep, counts = usable(splats)
@@ -118,7 +88,7 @@ def _splats(path: Path, asked: ConvertOptions) -> dict[str, Any]:
         "format": form.title,
         "files": [os.fspath(tile) for tile in parts.tiles[:1]] if len(parts.tiles) == 1 else len(parts.tiles),
         "splats": len(splats),
-        "dropped": {_REASONS[name]: count for name, count in counts.items() if count},
+        "dropped": {REASONS[name]: count for name, count in counts.items() if count},
         "sh_degree": splats.degree,
         "axes": facts.frame or form.frame,
         "antialiased": facts.antialiased,
@@ -186,77 +156,6 @@ def _layout(path: Path, asked: ConvertOptions) -> dict[str, Any]:
     except InputError as error:
         raise InputError(f"{error}; a .json may also be cameras: {CAMERA_KINDS}") from error
     return {"what": "layout", "objects": {each.name: os.fspath(each.splat) for each in objects}}
-
-
-def _mesh(path: Path, asked: ConvertOptions) -> dict[str, Any]:
-    from .scene.meshfile import read_mesh
-
-    mesh = read_mesh(path)
-    size = np.ptp(mesh.vertices, axis=0).tolist()
-    return {"what": "mesh", "vertices": len(mesh.vertices), "faces": len(mesh.faces), "size": size, "for": "relight"}
-
-
-def _scene(path: Path, asked: ConvertOptions) -> dict[str, Any]:
-    from .scene.scene import Scene
-
-    scene = Scene.load(path)
-    counts = {"vertices": scene.vertex_count, "faces": len(scene.faces), "chunks": len(scene.chunks)}
-    return {"what": "scene", **counts, "made_of": scene.source.get("file"), "for": "relight"}
-
-
-def _light(path: Path, asked: ConvertOptions) -> dict[str, Any]:
-    """An environment by its header alone."""
-    file_size(path, "picture")
-    with open(path, "rb") as file:
-        head = file.read(_HEADER_BYTES)
-    found = _exr(path, head) if head.startswith(b"\x76\x2f\x31\x01") else _radiance(path, head)
-    width, height = found["width"], found["height"]
-    shapes = {(2, 1): "lat-long", (1, 1): "square: an angular map", (3, 4): "a vertical cross"}
-    layout = next((name for (w, h), name in shapes.items() if width * h == height * w), "none of those known: lat-long")
-    return {"what": "light", **found, "layout": layout, "for": "relight --env"}
-
-
-def _exr(path: Path, head: bytes) -> dict[str, Any]:
-    """Size, channels and primaries of an OpenEXR file. Source: OpenEXR, "File Layout"."""
-    attributes: dict[str, bytes] = {}
-    at = 8
-    try:
-        while head[at] and len(attributes) < 1000:
-            name_end = head.index(b"\0", at)
-            kind_end = head.index(b"\0", name_end + 1)
-            size = int.from_bytes(head[kind_end + 1 : kind_end + 5], "little")
-            attributes.setdefault(head[at:name_end].decode("latin-1"), head[kind_end + 5 : kind_end + 5 + size])
-            at = kind_end + 5 + size
-        left, top, right, bottom = np.frombuffer(attributes["displayWindow"], "<i4").tolist()
-    except (IndexError, KeyError, ValueError):
-        raise InputError(f"{path} is a damaged OpenEXR file: its header does not end") from None
-    channels: list[str] = []
-    rest = attributes.get("channels", b"")
-    while rest and rest[0] and b"\0" in rest:
-        name, _, rest = rest.partition(b"\0")
-        channels.append(name.decode("latin-1"))
-        rest = rest[16:]
-    primaries = np.frombuffer(attributes.get("chromaticities", b"")[:32], "<f4").round(4).tolist()
-    extent = {"width": right - left + 1, "height": bottom - top + 1}
-    return {
-        "format": "OpenEXR",
-        **extent,
-        "channels": channels,
-        "chromaticities": primaries or "Rec. 709, as none are given",
-    }
-
-
-def _radiance(path: Path, head: bytes) -> dict[str, Any]:
-    """Size and primaries of a Radiance picture. Source: Ward, "Real Pixels" (1991)."""
-    lines = head.split(b"\n\n", 1)
-    size = lines[1].split(b"\n", 1)[0].split() if len(lines) == 2 else []
-    if not head.startswith(b"#?") or len(size) != 4 or not (size[1].isdigit() and size[3].isdigit()):
-        raise InputError(f"{path} is no picture of light: expected OpenEXR or Radiance HDR")
-    numbers = {size[0][-1:]: int(size[1]), size[2][-1:]: int(size[3])}
-    named = [line for line in lines[0].split(b"\n") if line.startswith(b"PRIMARIES=")]
-    primaries = named[0].partition(b"=")[2].decode("latin-1").strip() if named else "Rec. 709, as none are given"
-    wide = {"width": numbers.get(b"X", 0), "height": numbers.get(b"Y", 0)}
-    return {"format": "Radiance HDR", **wide, "channels": ["R", "G", "B"], "chromaticities": primaries}
 
 
 def lines_of(found: dict[str, Any]) -> list[str]:

@@ -11,28 +11,29 @@ import os
 import sys
 import warnings
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy
 
 from .base.arrays import Matrix3, Matrix4
 from .base.errors import DataWarning, InputError
 from .base.inputs import read_json, reading
 from .base.progress import Stages
-from .options import ConvertOptions
-from .pipeline import DEFAULT_VERTICES, convert, plan
+from .options import LEAST_VERTICES, ConvertOptions
+from .pipeline import DEFAULT_VERTICES, converted, planned
 from .proxy import add_proxy, check_proxy
 from .scene.mesh import Mesh
 from .scene.scene import Scene
 from .scene.sources import describe
+from .splats.formats.parts import METAS
 from .splats.placing import placed_mesh, similarity
 from .views.upright import UP_CHOICES
 
-_SOG_METAS = ("meta.json", "lod-meta.json")
 _KEYS = ("splat", "name", "position", "rotation_deg", "quat_wxyz", "scale", "up", "vertices", "cameras", "lod")
 _OWN_SETTINGS = ("vertices", "up", "cameras", "lod", "up_from")
 MOST_OBJECTS = 10_000
@@ -61,7 +62,7 @@ class Placement:
 def is_layout(path: str | os.PathLike[str]) -> bool:
     """Whether a path is meant as a layout: a .json file that does not describe a SOG."""
     path = Path(path)
-    if path.suffix.lower() != ".json" or path.name in _SOG_METAS or not path.is_file():
+    if path.suffix.lower() != ".json" or path.name in METAS or not path.is_file():
         return False
     try:
         content = read_json(path)
@@ -70,28 +71,19 @@ def is_layout(path: str | os.PathLike[str]) -> bool:
     return not (isinstance(content, dict) and ("means" in content or "lodLevels" in content))
 
 
-def convert_layout(
-    path: str | os.PathLike[str],
-    options: ConvertOptions | None = None,
-    *,
-    stages: Stages | None = None,
-    **changes: Any,
-) -> Scene:
-    """Make one scene of the splats that a layout places: each is converted as if alone, then placed.
+def converted_layout(path: str | os.PathLike[str], shared: ConvertOptions, stages: Stages) -> Scene:
+    """Make one scene, not yet saved, of the splats that a layout places: each is converted as if alone, then placed.
 
-    path: JSON file. options: for each object that does not give its own; `cameras` and `lod` are refused here, objects
-    have theirs. `changes` are fields of it. stages: times the work. Returns Scene: not yet saved. Its chunks are those
-    of object after object, its `scene_from_splat` is the identity, and `source["objects"]` says what stands where.
-    Raises InputError for a layout, or a splat in it, that cannot be used.
+    path: JSON file. shared: for each object that does not give its own; `cameras` and `lod` are refused here, objects
+    have theirs. Returns Scene: its chunks are those of object after object, its `scene_from_splat` is the identity, and
+    `source["objects"]` says what stands where. Raises InputError for a layout, or a splat in it, that cannot be used.
     """
-    shared = ConvertOptions.of(options, **changes)
     check_proxy(shared.proxy)
     if isinstance(shared.texture, int):
         raise InputError(f"`texture` {shared.texture}: a layout of several splats gets no texture; leave it out")
     placements = _placements(path, shared)
     # All are checked before the first takes minutes.
     each_asked = [_own_options(placement, shared) for placement in placements]
-    stages = stages or Stages()
     made: dict[tuple[Path, ConvertOptions], Scene] = {}
     chunks: list[Mesh] = []
     hull: list[int] = []
@@ -103,7 +95,7 @@ def convert_layout(
         key = (placement.splat, asked)
         if key not in made:  # the same splat may stand in several places
             with _about(placement.name):
-                scene = convert(placement.splat, asked, stages=stages)
+                scene = converted(placement.splat, asked, stages)
             made[key] = scene
         alone = made[key]
         first = len(chunks)
@@ -130,13 +122,12 @@ def convert_layout(
     return scene
 
 
-def plan_layout(path: str | os.PathLike[str], options: ConvertOptions | None = None, **changes: Any) -> dict[str, Any]:
-    """Return what `convert_layout` would do: the number of splats, and each object's own plan by its name."""
-    shared = ConvertOptions.of(options, **changes)
+def planned_layout(path: str | os.PathLike[str], shared: ConvertOptions) -> dict[str, Any]:
+    """Return what `converted_layout` would do: the number of splats, and each object's own plan by its name."""
     plans = {}
     for placement in _placements(path, shared):
         with _about(placement.name):
-            result = plan(placement.splat, _own_options(placement, shared, planned=True))
+            result = planned(placement.splat, _own_options(placement, shared, plan=True))
         result["scene_from_splat"] = (placement.scene_from_upright @ np.array(result["scene_from_splat"])).tolist()
         plans[placement.name] = {"splat": str(placement.splat), **result}
     return {"splats": sum(result["splats"] for result in plans.values()), "objects": plans}
@@ -184,6 +175,15 @@ def _placements(path: str | os.PathLike[str], shared: ConvertOptions) -> list[Pl
     return read_layout(path)
 
 
+_PLAIN: dict[str, tuple[Callable[[Any], bool], str]] = {
+    "up": (lambda value: value in UP_CHOICES, f"one of {' '.join(UP_CHOICES)}"),
+    "vertices": (lambda value: type(value) is int and value >= LEAST_VERTICES, "a whole number of at least 4"),
+    "lod": (lambda value: value == "auto" or (type(value) is int and value >= 0), '"auto" or the number of a level'),
+    "name": (lambda value: isinstance(value, str) and value != "", "a text"),
+}
+"""What values of an entry have to be, and how messages say it."""
+
+
 def _placement(path: Path, where: str, entry: Any, taken: set[str]) -> Placement:
     if not isinstance(entry, dict):
         raise InputError(f'{where}: expected {{"splat": FILE, ...}}, found {json.dumps(entry)}')
@@ -193,6 +193,25 @@ def _placement(path: Path, where: str, entry: Any, taken: set[str]) -> Placement
     splat = _file(path, where, entry, "splat")
     if splat is None:
         raise InputError(f"{where}: lacks 'splat', the name of its file")
+    for key, (fits, expected) in _PLAIN.items():
+        if key in entry and not fits(entry[key]):
+            raise InputError(f"{where}: {key} must be {expected}, found {json.dumps(entry[key])}")
+    name = entry.get("name", _stem(splat))
+    if name in taken and "name" in entry:
+        raise InputError(f"{where}: another object is called '{name}' already")
+    return Placement(
+        name if name not in taken else _numbered(name, taken),
+        splat,
+        _pose(where, entry),
+        entry.get("up"),
+        entry.get("vertices"),
+        _file(path, where, entry, "cameras"),
+        entry.get("lod", "auto"),
+    )
+
+
+def _pose(where: str, entry: dict[str, Any]) -> Matrix4:
+    """From the frame of an object's own scene to that of the layout."""
     if "rotation_deg" in entry and "quat_wxyz" in entry:
         raise InputError(f"{where}: give rotation_deg or quat_wxyz, not both")
     (scale,) = _numbers(where, "scale", [entry.get("scale", 1.0)], 1)
@@ -201,42 +220,15 @@ def _placement(path: Path, where: str, entry: Any, taken: set[str]) -> Placement
     position = _numbers(where, "position", entry.get("position", [0, 0, 0]), 3)
     if max(map(abs, position)) > _LARGEST:
         raise InputError(f"{where}: position must be within +-{_LARGEST:g}, found {position}")
-    up, vertices = entry.get("up"), entry.get("vertices")
-    if up is not None and up not in UP_CHOICES:
-        raise InputError(f"{where}: up must be one of {' '.join(UP_CHOICES)}, found {json.dumps(up)}")
-    if vertices is not None and (type(vertices) is not int or vertices < 4):
-        raise InputError(f"{where}: vertices must be a whole number of at least 4, found {json.dumps(vertices)}")
-    name = entry.get("name", _stem(splat))
-    if not isinstance(name, str) or not name:
-        raise InputError(f"{where}: name must be a text, found {json.dumps(name)}")
-    if name in taken and "name" in entry:
-        raise InputError(f"{where}: another object is called '{name}' already")
-    return Placement(
-        name if name not in taken else _numbered(name, taken),
-        splat,
-        similarity(scale, _rotation(where, entry), position),
-        up,
-        vertices,
-        _file(path, where, entry, "cameras"),
-        _lod(where, entry),
-    )
-
-
-def _lod(where: str, entry: dict[str, Any]) -> int | str:
-    lod = entry.get("lod", "auto")
-    if lod != "auto" and (type(lod) is not int or lod < 0):
-        raise InputError(f'{where}: lod must be "auto" or the number of a level, found {json.dumps(lod)}')
-    return lod
+    return similarity(scale, _rotation(where, entry), position)
 
 
 def _rotation(where: str, entry: dict[str, Any]) -> Matrix3:
-    from scipy.spatial.transform import Rotation
-
     if "quat_wxyz" in entry:
         quat = np.array(_numbers(where, "quat_wxyz", entry["quat_wxyz"], 4))
         if np.abs(quat).max() == 0:
             raise InputError(f"{where}: quat_wxyz must not be all zero")
-        return Rotation.from_quat((quat / np.abs(quat).max())[[1, 2, 3, 0]]).as_matrix()
+        return scipy.spatial.transform.Rotation.from_quat((quat / np.abs(quat).max())[[1, 2, 3, 0]]).as_matrix()
     (angle,) = _numbers(where, "rotation_deg", [entry.get("rotation_deg", 0.0)], 1)
     quarters, rest = divmod(angle % 360, 90)  # quarter turns come out exactly
     cosine, sine = math.cos(math.radians(rest)), math.sin(math.radians(rest))
@@ -269,7 +261,7 @@ def _file(path: Path, where: str, entry: dict[str, Any], key: str) -> Path | Non
 
 
 def _stem(splat: Path) -> str:
-    splat = splat.parent if splat.name in _SOG_METAS else splat
+    splat = splat.parent if splat.name in METAS else splat
     return splat.name.split(".")[0] or splat.name
 
 
@@ -287,12 +279,12 @@ def _once(path: Path, pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     return dict(pairs)
 
 
-def _own_options(placement: Placement, shared: ConvertOptions, planned: bool = False) -> ConvertOptions:
+def _own_options(placement: Placement, shared: ConvertOptions, plan: bool = False) -> ConvertOptions:
     """The ConvertOptions of one object; the proxy is of the whole layout."""
     vertices = DEFAULT_VERTICES if shared.vertices is None else shared.vertices
     return replace(
         shared,
-        vertices=shared.vertices if planned else placement.vertices or vertices,
+        vertices=shared.vertices if plan else placement.vertices or vertices,
         up=placement.up or shared.up,
         cameras=placement.cameras,
         lod=placement.lod,

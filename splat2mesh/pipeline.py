@@ -59,41 +59,14 @@ class SeenSurface(NamedTuple):
     statistics: dict[str, Any]
 
 
-def convert(
-    path: str | os.PathLike[str],
-    options: ConvertOptions | None = None,
-    *,
-    stages: Stages | None = None,
-    **changes: Any,
-) -> Scene:
-    """Make a scene from one trained splat.
-
-    Parameters
-    ----------
-    path : path
-        Splat file, folder of tiles, or streamed SOG.
-    options : ConvertOptions, optional
-        How; `changes` are fields of it.
-    stages : Stages, optional
-        Times the work.
-
-    Returns
-    -------
-    Scene
-        In the y-up scene frame, not yet saved.
-
-    Raises
-    ------
-    InputError
-        For input that cannot be used.
-    """
-    asked, stages = ConvertOptions.of(options, **changes), stages or Stages()
+def converted(path: str | os.PathLike[str], asked: ConvertOptions, stages: Stages) -> Scene:
+    """Make a scene, not yet saved, from one trained splat; see `api.convert`."""
     check_proxy(asked.proxy)
     return meshed(path, capture_of(path, asked, stages), asked, stages)
 
 
 def meshed(path: str | os.PathLike[str], capture: Capture, asked: ConvertOptions, stages: Stages) -> Scene:
-    """The scene of a Capture, read from a path by the same options. Errors as of `convert`."""
+    """The scene of a Capture, read from a path by the same options. Errors as of `api.convert`."""
     check_proxy(asked.proxy)
     ahead.expect(ahead.PLACE if capture.standing.eyes else ahead.OBJECT)
     looks = _looks_of(capture, asked, stages)
@@ -286,12 +259,8 @@ def preview_camera(view: View, middle: Vector, rotation: Matrix4) -> dict[str, A
     }
 
 
-def plan(path: str | os.PathLike[str], options: ConvertOptions | None = None, **changes: Any) -> dict[str, Any]:
-    """Return what `convert` would do, from the file alone: counts, the foreground's bounds, frame and settings.
-
-    Arguments and errors as of `convert`.
-    """
-    asked = ConvertOptions.of(options, **changes)
+def planned(path: str | os.PathLike[str], asked: ConvertOptions) -> dict[str, Any]:
+    """Return what `converted` would do, from the file alone: counts, the foreground's bounds, frame and settings."""
     capture = capture_of(path, asked, Stages())
     effort, eyes, foreground = EFFORTS[asked.detail], capture.standing.eyes, capture.foreground
     if capture.trained:

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from .base.errors import InputError
 from .base.extras import needed
-from .scene.proxy_glb import proxy_glb
+from .scene.glb import Glb
 from .scene.scene import Scene
 
 NODES = {"closed": "-colonly", "convex": "-convcolonly"}
@@ -42,7 +42,16 @@ def add_proxy(scene: Scene, kind: str, seed: int = 0) -> None:
         from .surface.convex import convex_parts
 
         bodies, voxel = convex_parts(scene.vertices, scene.faces, eyes, seed=seed)
-    scene.proxy = proxy_glb(bodies, NODES[kind])
+    scene.proxy = bodies_glb(bodies, NODES[kind])
     faces = sum(len(face) for _, face in bodies)
     statistics = {"proxy_bodies": len(bodies), "proxy_faces": faces, "proxy_voxel": voxel}
     scene.settings, scene.statistics = scene.settings | {"proxy": kind}, scene.statistics | statistics
+
+
+def bodies_glb(bodies: list[tuple[NDArray[Any], NDArray[Any]]], suffix: str) -> bytes:
+    """Bodies, vertices (V, 3) and faces (F, 3), as nodes proxy_000 and so on, whose suffix says to Godot what for."""
+    file = Glb()
+    for number, (vertices, faces) in enumerate(bodies):
+        attributes = {"POSITION": file.positions(vertices)}
+        file.mesh(f"proxy_{number:03d}{suffix}", attributes, indices=file.triangles(faces))
+    return file.content()

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.gltf import GltfData, entry, warn_skipped
-from splat2mesh.base.gltfnodes import global_matrices, hierarchy, initial_transforms
+from splat2mesh.base.gltfnodes import shown_nodes
 from splat2mesh.base.inputs import quiet_numbers, reading
 from splat2mesh.scene.gltfmesh import Piece, placed_pieces
 from splat2mesh.scene.gltftextures import Textures
@@ -50,12 +50,10 @@ def read_glow(path: str | os.PathLike[str]) -> AskedLamp:
 
 
 def _lights(data: GltfData, lights: list[Any]) -> list[AskedLamp]:
-    order, parent, shown = hierarchy(data)
-    matrices = global_matrices(initial_transforms(data), order, parent)
     lamps, distant = [], 0
-    for index, node in enumerate(data.document.nodes or []):
+    for _, node, matrix in sorted(shown_nodes(data), key=lambda shown: shown[0]):  # as the file lists them
         placed = (node.extensions or {}).get(PUNCTUAL)
-        if placed is None or not shown[index]:
+        if placed is None:
             continue
         light = entry(lights, placed.light)
         if light.type == "directional":
@@ -64,7 +62,7 @@ def _lights(data: GltfData, lights: list[Any]) -> list[AskedLamp]:
         color, brightness = in_picture_units(WHITE if light.color is None else light.color)
         candela = float(1.0 if light.intensity is None else light.intensity) * brightness.value
         name = str(node.name or light.name or "")
-        lamps.append(AskedLamp(_shape(data, light, matrices[index]), Brightness(candela, "candela"), color, name))
+        lamps.append(AskedLamp(_shape(data, light, matrix), Brightness(candela, "candela"), color, name))
     warn_skipped(data.path, distant, "directional lights: a sun is not a lamp")
     return lamps
 

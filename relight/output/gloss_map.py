@@ -11,7 +11,6 @@ import pygltflib as gltf
 from numpy.typing import NDArray
 
 from splat2mesh.scene.glb import Glb, matt_white
-from splat2mesh.texture.glb import CLAMP, LINEAR
 
 from .textured_files import png_bytes
 
@@ -24,7 +23,9 @@ def glossy_white(file: Glb) -> Any:
     picture[:, :, 0], picture[:, :, 1], picture[1, :, 2] = 255, np.arange(_STEPS), 255
     view = file.data(png_bytes(picture))
     file.document.images.append(gltf.Image(bufferView=view, mimeType="image/png", name="gloss"))
-    file.document.samplers.append(gltf.Sampler(magFilter=LINEAR, minFilter=LINEAR, wrapS=CLAMP, wrapT=CLAMP))
+    file.document.samplers.append(
+        gltf.Sampler(magFilter=gltf.LINEAR, minFilter=gltf.LINEAR, wrapS=gltf.CLAMP_TO_EDGE, wrapT=gltf.CLAMP_TO_EDGE)
+    )
     texture = gltf.Texture(sampler=len(file.document.samplers) - 1, source=len(file.document.images) - 1)
     file.document.textures.append(texture)
     material = matt_white()

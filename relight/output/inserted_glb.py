@@ -11,7 +11,7 @@ import pygltflib as gltf
 from numpy.typing import NDArray
 
 from splat2mesh.base.gltf import GltfData
-from splat2mesh.scene.glb import Glb
+from splat2mesh.scene.glb import UNLIT, Glb
 from splat2mesh.scene.gltftextures import Textures, base_color
 
 from ..insert.objects import Part
@@ -19,7 +19,6 @@ from ..insert.objects import Part
 if TYPE_CHECKING:
     from ..insert.inserts import InsertedLight
 
-UNLIT = "KHR_materials_unlit"
 
 KEPT = "name", "alphaMode", "alphaCutoff", "doubleSided"
 """Fields of a material that stay as they are."""

@@ -7,11 +7,12 @@ import os
 import warnings
 
 import numpy as np
+import pygltflib as gltf
 from numpy.typing import NDArray
 
 from splat2mesh.base.errors import DataWarning
 from splat2mesh.scene.color import linear_from_srgb
-from splat2mesh.scene.glb import POINTS, Glb
+from splat2mesh.scene.glb import Glb
 from splat2mesh.splats.cleaning import sound
 from splat2mesh.splats.placing import placed
 from splat2mesh.splats.splats import Splats
@@ -48,7 +49,7 @@ def write_splat_glb(
     attributes = {"POSITION": file.positions(splats.means)}
     attributes |= {name: file.values(array.astype(np.float32)) for name, array in arrays.items()}
     look = {"kernel": "ellipse", "colorSpace": "srgb_rec709_display"}
-    file.mesh("splats", attributes, mode=POINTS, extensions={EXTENSION: look})
+    file.mesh("splats", attributes, mode=gltf.POINTS, extensions={EXTENSION: look})
     file.save(path, extras)
     return len(splats)
 

@@ -32,7 +32,7 @@ from relight.planning.bounce_plan import BouncePlan
 from relight.planning.lamp_plan import LampPlan
 from relight.transfer.reference import reference
 from relight.transfer.settings import BOUNCE_TOLERANCE, Settings
-from splat2mesh.pipeline import convert
+from splat2mesh import convert
 from splat2mesh.render.view import View
 from splat2mesh.views.viewpoints import even_directions
 

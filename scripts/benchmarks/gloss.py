@@ -26,7 +26,7 @@ from scenes.cameras import FLIP
 from scenes.ceramics import ceramics
 from scenes.highlights import glossy_splats
 from scenes.sky import capture_sky
-from splat2mesh.pipeline import convert
+from splat2mesh import convert
 from splat2mesh.render.rasterize import rasterize
 from splat2mesh.render.raycaster import RayCaster
 from splat2mesh.scene.color import linear_from_srgb, luminance, srgb_from_linear

@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-QUICK = ["--inputs", "12", "--kinds", "mesh.off"]
+QUICK = ["--inputs", "12", "--kinds", "mesh.obj"]
 
 SECONDS = 10
 """After which a library is stopped: all whole files are read in a hundredth of a second."""
@@ -88,7 +88,7 @@ def _readers():
 
     found = {
         f"mesh.{kind}": ("trimesh", read_mesh)
-        for kind in ("ply", "ascii.ply", "obj", "stl", "ascii.stl", "off", "glb", "gltf")
+        for kind in ("ply", "ascii.ply", "obj", "stl", "ascii.stl", "glb", "gltf")
     }
     for kind in ("ply", "ascii.ply", "compressed.ply", "spz", "sog"):
         found[f"splat.{kind}"] = "gsply", splats.get(kind, gsply.plyread)

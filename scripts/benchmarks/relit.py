@@ -24,7 +24,7 @@ from relight.transfer.raytraced import raytraced_scene
 from relight.transfer.sunlight import sunlight
 from relight.transfer.transport import Transport
 from scenes.pictures import Pictures
-from splat2mesh.pipeline import convert
+from splat2mesh import convert
 from splat2mesh.scene.color import linear_from_srgb
 from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.formats import read_splats

@@ -19,7 +19,7 @@ from relight import Environment
 from scenes.capture import SKY
 from scenes.pictures import Pictures
 from scenes.sky import capture_sky
-from splat2mesh.pipeline import convert
+from splat2mesh import convert
 from splat2mesh.render.rasterize import rasterize
 from splat2mesh.scene.color import linear_from_srgb
 from splat2mesh.splats.formats import read_splats

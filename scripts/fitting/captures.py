@@ -89,7 +89,7 @@ def captures_of(kind, seed, lights):
     from tempfile import TemporaryDirectory
 
     from relight import Environment
-    from splat2mesh.pipeline import convert
+    from splat2mesh import convert
     from splat2mesh.splats.formats import write_inria_ply
 
     rng = np.random.default_rng([seed, *kind.encode()])

@@ -37,7 +37,7 @@ def _arrays(truth):
     from relight.albedo.skylight import seen_sky
     from relight.engine.appearance import CAPTURE, CAPTURE_OF_PLACE, sky_of
     from relight.engine.relighter import Relighter
-    from splat2mesh.pipeline import convert
+    from splat2mesh import convert
 
     meta = json.loads((truth / "meta.json").read_text(encoding="utf-8"))
     scene = convert(truth / "point_cloud.ply", detail="draft", texture="none", up=meta["up"])

@@ -6,6 +6,7 @@ Scene folders are writable, but unsafe for it: Numba caches code, and a scene ma
 import hashlib
 import os
 import sys
+import tempfile
 import warnings
 from pathlib import Path
 
@@ -58,8 +59,6 @@ def _folders(modules: Path) -> list[Path | None]:
 
 def _writable(folder: Path) -> bool:
     """Whether a file can be made in a folder, made if missing, as Numba does."""
-    import tempfile
-
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):

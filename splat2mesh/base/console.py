@@ -2,6 +2,7 @@
 
 import os
 import sys
+import traceback
 import unicodedata
 import warnings
 from collections.abc import Callable, Iterator, Mapping
@@ -206,8 +207,6 @@ def peak_mb() -> float:
 
 def _fail(message: str, code: int, display: Display) -> int:
     if display.verbose:
-        import traceback
-
         traceback.print_exc()
     print("error: " + printable(" ".join(message.split())), file=sys.stderr)
     return code

@@ -10,6 +10,7 @@ import struct
 import warnings
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,7 @@ from .errors import DataWarning, InputError
 from .inputs import file_size, inside, loads, reading
 
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
-WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
+WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 
 MODES = TRIANGLES, STRIP, FAN = 4, 5, 6
 
@@ -184,8 +185,6 @@ class GltfData:
         return self._buffers[index]
 
     def _beside(self, uri: str, what: str) -> bytes:
-        from urllib.parse import unquote
-
         file = inside(self.path.parent, unquote(uri), self.path)
         if not file.is_file():
             raise InputError(f"{self.path}: its {what} {uri} is not beside it")

@@ -1,5 +1,8 @@
 """The nodes of a glTF 2.0 file: their hierarchy, and their transforms before anything moves."""
 
+from collections.abc import Iterator
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -7,6 +10,17 @@ from .errors import InputError
 from .gltf import INSTANCING, MOST_NODES, GltfData
 
 _INSTANCE = {"TRANSLATION": (0.0, 0.0, 0.0), "ROTATION": (0.0, 0.0, 0.0, 1.0), "SCALE": (1.0, 1.0, 1.0)}
+
+
+def shown_nodes(data: GltfData) -> Iterator[tuple[int, Any, NDArray]]:
+    """Go through the nodes of the shown scene, parents first.
+
+    Yields index; node; world-from-node matrix, (4, 4) float64, before any animation. Raises InputError where nodes do
+    not form trees.
+    """
+    order, parent, shown = hierarchy(data)
+    matrices = global_matrices(initial_transforms(data), order, parent)
+    yield from ((index, data.document.nodes[index], matrices[index]) for index in order if shown[index])
 
 
 def initial_transforms(data: GltfData) -> list[dict]:

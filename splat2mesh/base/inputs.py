@@ -5,11 +5,14 @@ inside a file leads only into the file's own folder, and no exception of a parse
 """
 
 import json
+import lzma
 import math
 import os
 import re
 import stat
 import warnings
+import zipfile
+import zlib
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path, PurePosixPath, PureWindowsPath
@@ -42,6 +45,11 @@ def file_size(path: str | os.PathLike[str], what: str = "file") -> int:
     if not stat.S_ISREG(found.st_mode):
         raise InputError(f"cannot read {path}: it is a {_kind(found.st_mode)}, expected a {what}")
     return found.st_size
+
+
+def is_url(path: str | os.PathLike[str]) -> bool:
+    """Whether a path is a URL, which fsspec reads."""
+    return "://" in os.fspath(path)
 
 
 def check_special(path: str | os.PathLike[str]) -> None:
@@ -109,10 +117,6 @@ def load_array(path: str | os.PathLike[str]) -> Any:
 def load_arrays(path: str | os.PathLike[str], most: int, names: Collection[str] | None = None) -> dict[str, Any]:
     """The arrays of an .npz file, or those of some names alone, of at most `most` bytes unpacked. Raises ValueError for
     a file without arrays, or without all of the names."""
-    import lzma
-    import zipfile
-    import zlib
-
     import numpy as np
 
     file_size(path, ".npz file")

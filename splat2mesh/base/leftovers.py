@@ -2,7 +2,7 @@
 
 .NAME.unfinished/name    the name of the output
 .NAME.unfinished/new     what is being written
-.NAME.unfinished/old     the previous output, while the new one replaces it on systems that cannot swap the two
+.NAME.unfinished/old     the previous output, while the new one takes its place
 
 A run holds an exclusive lock (flock) on the folder; the system releases it when the run ends, in whatever way.
 """

@@ -14,7 +14,6 @@ from pathlib import Path
 from .errors import InputError
 from .interrupts import shielded
 from .leftovers import NAME, NEW, OLD, Busy, claim, release, sweep, workspace_of
-from .renaming import exchange, rename_new
 
 LONGEST_NAME = 255
 """Bytes of one name, on every file system in use."""
@@ -53,8 +52,8 @@ def staged_folder(
     keep: existing entries of the folder at `path` that the block does not write stay; all appear in one step.
 
     overwrite, marker: as for `check_output`, which is checked again before the rename: an output that appeared
-    meanwhile stays. Old and new are exchanged in one step, where the system can, so a crash loses neither. Raises
-    InputError for an output that must not be replaced, and while another run writes it.
+    meanwhile stays. The old output is moved aside first, where the next run finds it after a crash. Raises InputError
+    for an output that must not be replaced, and while another run writes it.
     """
     path = Path(path).absolute()
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -126,20 +125,14 @@ def _put(workspace: Path, path: Path, overwrite: bool, marker: str | None) -> No
     """Rename the complete output to its place."""
     staging, replaced = workspace / NEW, workspace / OLD
     _check_free(path, overwrite, marker)
-    if not os.path.lexists(path):
-        try:
-            rename_new(staging, path)
-        except FileExistsError:
-            _check_free(path, False, marker)  # says so
-            raise
-    elif not exchange(staging, path):
+    if os.path.lexists(path):
         path.rename(replaced)
-        try:
-            rename_new(staging, path)
-        except BaseException:
-            if not os.path.lexists(path):
-                replaced.rename(path)
-            raise
+    try:
+        staging.rename(path)  # fails where a folder that holds something has appeared meanwhile
+    except BaseException:
+        if os.path.lexists(replaced) and not os.path.lexists(path):
+            replaced.rename(path)
+        raise
 
 
 def _carry_over(old: Path, new: Path) -> None:

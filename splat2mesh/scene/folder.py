@@ -17,6 +17,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import imageio.v3 as iio
 import numpy as np
 from numpy.typing import NDArray
 
@@ -113,8 +114,6 @@ def write_folder(scene: Any, path: str | os.PathLike[str], overwrite: bool = Fal
         if scene.measured is not None:
             scene.measured.save(folder / MEASURED)
         if scene.picture is not None:
-            import imageio.v3 as iio
-
             (folder / PICTURE).write_bytes(iio.imwrite("<bytes>", scene.picture, extension=".png"))
         if scene.proxy is not None:
             (folder / PROXY).write_bytes(scene.proxy)

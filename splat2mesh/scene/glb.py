@@ -4,19 +4,16 @@ import os
 from typing import Any
 
 import numpy as np
+import pygltflib as gltf
 from numpy.typing import NDArray
 
+from ..base.gltf import COMPONENTS
 from ..base.outputs import staged_file
 from ..base.version import VERSION
 
-_SHORT, _UNSIGNED_SHORT, _UNSIGNED_INT, _FLOAT = 5122, 5123, 5125, 5126
-_COMPONENTS = {"<i2": _SHORT, "<u2": _UNSIGNED_SHORT, "<u4": _UNSIGNED_INT, "<f4": _FLOAT}
-_ATTRIBUTES, _INDICES = 34962, 34963  # targets of buffer views
+UNLIT = "KHR_materials_unlit"
 
-POINTS = 0
-"""The mode of a primitive without faces."""
-
-_LARGEST_SHORT_INDEX = 65534  # 65535 restarts a primitive in OpenGL, so glTF forbids it as a 16-bit index
+_CODES = {kind: code for code, kind in COMPONENTS.items()}
 
 
 class Glb:
@@ -27,23 +24,19 @@ class Glb:
 
     def __init__(self, generator: str = "splat2mesh", **document: Any) -> None:
         """document: fields of `pygltflib.GLTF2`, such as materials."""
-        import pygltflib as gltf
-
         self.document = gltf.GLTF2(asset=gltf.Asset(version="2.0", generator=f"{generator} {VERSION}"), **document)
         self._blob = bytearray()
 
-    def values(self, array: NDArray, target: int = _ATTRIBUTES, **more: Any) -> int:
+    def values(self, array: NDArray, target: int = gltf.ARRAY_BUFFER, **more: Any) -> int:
         """Append an array.
 
         array: (N,), (N, 2), (N, 3) or (N, 4). pygltflib aligns arrays to 4 bytes on saving. target: of the buffer view.
         **more: fields of `pygltflib.Accessor`. Returns the index of its accessor.
         """
-        import pygltflib as gltf
-
         array = np.ascontiguousarray(array)
         array = array.astype(array.dtype.newbyteorder("<"), copy=False)
         kind = "SCALAR" if array.ndim == 1 else f"VEC{array.shape[1]}"
-        component = _COMPONENTS["<" + array.dtype.str[1:]]
+        component = _CODES["<" + array.dtype.str[1:]]
         view = self.data(array.tobytes(), target=target)
         accessor = gltf.Accessor(bufferView=view, componentType=component, count=len(array), type=kind, **more)
         self.document.accessors.append(accessor)
@@ -62,24 +55,23 @@ class Glb:
 
         faces: (F, 3) integers. Returns the index of its accessor.
         """
-        if vertex_count - 1 > _LARGEST_SHORT_INDEX:
+        # The largest index restarts a primitive in OpenGL, so glTF forbids it.
+        if vertex_count > np.iinfo(np.uint16).max:
             return self.triangles(faces)
-        return self.values(faces.ravel().astype(np.uint16), _INDICES)
+        return self.values(faces.ravel().astype(np.uint16), gltf.ELEMENT_ARRAY_BUFFER)
 
     def triangles(self, faces: NDArray) -> int:
         """Append faces in 32 bits, which every loader reads.
 
         faces: (F, 3) integers. Returns the index of its accessor.
         """
-        return self.values(faces.ravel().astype(np.uint32), _INDICES)
+        return self.values(faces.ravel().astype(np.uint32), gltf.ELEMENT_ARRAY_BUFFER)
 
     def data(self, content: bytes, **more: Any) -> int:
         """Append bytes.
 
         **more: fields of `pygltflib.BufferView`. Returns the index of their buffer view.
         """
-        import pygltflib as gltf
-
         view = gltf.BufferView(buffer=0, byteOffset=len(self._blob), byteLength=len(content), **more)
         self._blob += content
         self.document.bufferViews.append(view)
@@ -91,8 +83,6 @@ class Glb:
         name: of both. attributes: name to accessor. **primitive: fields of `pygltflib.Primitive`; triangles, where they
         name no mode.
         """
-        import pygltflib as gltf
-
         part = gltf.Primitive(attributes=gltf.Attributes(), **({"mode": gltf.TRIANGLES} | primitive))
         for key, accessor in attributes.items():  # names with a colon cannot be keyword arguments
             setattr(part.attributes, key, accessor)
@@ -104,8 +94,6 @@ class Glb:
 
         extras: JSON values of that scene.
         """
-        import pygltflib as gltf
-
         nodes = list(range(len(self.document.nodes)))
         self.document.scenes, self.document.scene = [gltf.Scene(nodes=nodes, extras=extras or {})], 0
         self.document.buffers = [gltf.Buffer(byteLength=len(self._blob))]
@@ -124,7 +112,12 @@ class Glb:
 
 def matt_white() -> Any:
     """Return a material of white without gloss, seen from both sides, which COLOR_0 is multiplied with."""
-    import pygltflib as gltf
-
     surface = gltf.PbrMetallicRoughness(baseColorFactor=[1.0] * 4, metallicFactor=0.0, roughnessFactor=1.0)
     return gltf.Material(name="albedo", pbrMetallicRoughness=surface, doubleSided=True)
+
+
+def matt(name: str, unlit: bool = True) -> Any:
+    """Return the same by another name, of what has COLOR_0. unlit: whether it is shown as it is, without a light."""
+    surface = gltf.PbrMetallicRoughness(metallicFactor=0.0, roughnessFactor=1.0)
+    extensions: dict[str, Any] = {UNLIT: {}} if unlit else {}
+    return gltf.Material(name=name, pbrMetallicRoughness=surface, doubleSided=True, extensions=extensions)

@@ -1,9 +1,4 @@
-"""The triangles of a glTF file in its rest pose, as one surface: every mesh where its nodes place it.
-
-Vertices are sorted by material, in the order in which the nodes of the scene name these, children first. Within a
-material, meshes follow the order of their nodes, parents first, and vertices that of their first use by faces;
-equal vertices are joined.
-"""
+"""The triangles of a glTF file in its rest pose, as one surface: every mesh where its nodes place it."""
 
 import os
 from typing import Any, NamedTuple
@@ -13,7 +8,7 @@ from numpy.typing import NDArray
 
 from ..base.errors import InputError
 from ..base.gltf import FREE_CORNERS, MODES, TRIANGLES, GltfData, entry, triangles, warn_skipped
-from ..base.gltfnodes import global_matrices, hierarchy, initial_transforms, instances
+from ..base.gltfnodes import instances, shown_nodes
 from ..base.inputs import reading
 from .color import srgb_from_linear
 from .gltftextures import Textures
@@ -42,88 +37,45 @@ def read_gltf(path: str | os.PathLike[str], painted: bool = True) -> UncheckedMe
     data = GltfData(os.fspath(path))
     textures = Textures(data) if painted else None
     with reading(path):
-        found = _joined_pieces(placed_pieces(data), _materials(data), textures)
+        found = _as_one(placed_pieces(data), textures)
     if textures is not None:
         textures.warn_lost()
     return found
 
 
-def _joined_pieces(pieces: list[Piece], materials: list[int | None], textures: Textures | None) -> UncheckedMesh:
-    points, faces, normals, colors, first = [], [], [], [], 0
-    every, moved = centred(np.concatenate([piece.points for piece in pieces]))
-    ends = np.cumsum([len(piece.points) for piece in pieces])
-    pieces = [piece._replace(points=part) for piece, part in zip(pieces, np.split(every, ends[:-1]), strict=True)]
-    groups: dict[Any, list[Piece]] = {}
-    for piece in pieces:
-        groups.setdefault((materials.index(piece.material), _kind(piece.held)), []).append(piece)
-    named = all("NORMAL" in piece.held for piece in pieces)
-    painted = textures is not None or any("COLOR_0" in piece.held for piece in pieces)
-    for key in sorted(groups):
-        group = groups[key]
-        starts = np.cumsum([0, *(len(piece.points) for piece in group)])
-        corners = np.concatenate([p.faces.reshape(-1) + start for p, start in zip(group, starts, strict=False)])
-        places = np.concatenate([piece.points for piece in group])
-        held = {name: np.concatenate([piece.held[name] for piece in group]) for name in group[0].held}
-        row, corner = joined(corners, places, *held.values())
-        triangle = corner.reshape(-1, 3) + first
-        mirrored = np.repeat([piece.mirrored for piece in group], [len(piece.faces) for piece in group])
-        triangle[mirrored] = triangle[mirrored][:, ::-1]
-        points.append(places[row])
-        faces.append(triangle)
-        if named:
-            normals.append(held["NORMAL"][row])
-        if painted:
-            color = held["COLOR_0"][row, :3] if "COLOR_0" in held else np.ones((len(row), 3))
-            if textures is not None:
-                kept = {name: values[row] for name, values in held.items()}
-                color = np.clip(color, 0.0, 1.0) * textures.base_colors(materials[key[0]], kept)
-            colors.append(srgb_from_linear(np.clip(color, 0.0, 1.0)))
-        first += len(row)
-    return UncheckedMesh(
-        np.concatenate(points),
-        np.concatenate(faces),
-        np.concatenate(normals) if named else None,
-        np.concatenate(colors) if painted else None,
-        moved,
+def _as_one(pieces: list[Piece], textures: Textures | None) -> UncheckedMesh:
+    """All pieces in their order. Corners at one place that have the same normal and colour are one vertex."""
+    points, moved = centred(np.concatenate([piece.points for piece in pieces]))
+    starts = np.cumsum([0, *(len(piece.points) for piece in pieces)])
+    faces = np.concatenate(
+        [(p.faces[:, ::-1] if p.mirrored else p.faces) + start for p, start in zip(pieces, starts, strict=False)]
     )
+    normals, colors = None, None
+    if all("NORMAL" in piece.held for piece in pieces):
+        normals = np.concatenate([piece.held["NORMAL"] for piece in pieces])
+    if textures is not None or any("COLOR_0" in piece.held for piece in pieces):
+        colors = srgb_from_linear(np.concatenate([_colors(piece, textures) for piece in pieces]))
+    row, corner = joined(faces.reshape(-1), points, normals, colors)
+    normals, colors = (None if values is None else values[row] for values in (normals, colors))
+    return UncheckedMesh(points[row], corner.reshape(-1, 3), normals, colors, moved)
 
 
-def _materials(data: GltfData) -> list[int | None]:
-    """The materials of the shown scene, the missing one last."""
-    document = data.document
-    found: dict[int | None, None] = {}
-    nodes, (_, parent, _) = document.nodes or [], hierarchy(data)
-    # Children before parents, and the first child first: the reverse of parents first with the last child first.
-    for index in _parents_first(document, nodes, parent, last_first=True)[::-1]:
-        if nodes[index].mesh is not None:
-            for primitive in entry(document.meshes, nodes[index].mesh).primitives:
-                if primitive.material is not None:
-                    found.setdefault(primitive.material, None)
-    return [*found, None]
-
-
-def _kind(held: dict[str, NDArray]) -> int:
-    """A number for what vertices hold: what has more stands later."""
-    bits = 1 * ("NORMAL" in held) + 2 * ("TANGENT" in held)
-    for number in range(8):
-        bits += (0x100 << number) * (f"TEXCOORD_{number}" in held)
-        bits += (0x1000000 << number) * (f"COLOR_{number}" in held)
-    return bits
+def _colors(piece: Piece, textures: Textures | None) -> NDArray:
+    """(N, 3) linear: those of the vertices, times the base colour of the material where there are `textures`."""
+    own = piece.held.get("COLOR_0")
+    color = np.ones((len(piece.points), 3)) if own is None else np.clip(own[:, :3], 0.0, 1.0)
+    return color if textures is None else np.clip(color * textures.base_colors(piece.material, piece.held), 0.0, 1.0)
 
 
 def placed_pieces(data: GltfData) -> list[Piece]:
     """Every primitive with triangles, where the nodes of the shown scene place it. Raises InputError without any."""
-    document, pieces, skipped, corners = data.document, [], 0, 0
-    order, parent, shown = hierarchy(data)
-    matrices = global_matrices(initial_transforms(data), order, parent)
-    nodes = document.nodes or []
+    pieces, skipped, corners = [], 0, 0
     most, known = max(FREE_CORNERS, data.size), {}
-    for index in _parents_first(document, nodes, parent):
-        node = nodes[index]
-        if node.mesh is None or not shown[index]:
+    for index, node, matrix in shown_nodes(data):
+        if node.mesh is None:
             continue
         copies = instances(data, index)
-        for primitive in entry(document.meshes, node.mesh).primitives:
+        for primitive in entry(data.document.meshes, node.mesh).primitives:
             mode = TRIANGLES if primitive.mode is None else primitive.mode
             if mode not in MODES or primitive.attributes.POSITION is None:
                 skipped += 1
@@ -134,27 +86,12 @@ def placed_pieces(data: GltfData) -> list[Piece]:
             corners += len(copies) * max(3 * len(faces), len(local))
             if corners > most:
                 raise InputError(f"{data.path}: its nodes repeat meshes to over {most:,} corners; export less of it")
-            placed = matrices[index] @ copies if len(faces) else []
+            placed = matrix @ copies if len(faces) else []
             pieces += [_placed(primitive.material, faces, local, held, each)._replace(node=index) for each in placed]
     warn_skipped(data.path, skipped, "sets of points or lines")
     if not pieces:
         raise InputError(f"{data.path}: holds no triangles; expected a triangle mesh")
     return pieces
-
-
-def _parents_first(document: Any, nodes: Any, parent: NDArray, last_first: bool = False) -> list[int]:
-    """Nodes of the shown scene, each before its children and these before the next, or before the one before."""
-    way = 1 if last_first else -1
-    if document.scenes:
-        roots = list(entry(document.scenes, document.scene or 0).nodes or [])
-    else:
-        roots = np.flatnonzero(parent == -1).tolist()
-    pending, found = roots[::way], []
-    while pending:
-        index = pending.pop()
-        found.append(index)
-        pending.extend((nodes[index].children or [])[::way])
-    return found
 
 
 def _read(data: GltfData, index: int, primitive: Any, mode: int) -> tuple[NDArray, NDArray, dict[str, NDArray]]:
@@ -172,7 +109,7 @@ def _read(data: GltfData, index: int, primitive: Any, mode: int) -> tuple[NDArra
     if len(indices) and (indices.min() < 0 or indices.max() >= count):
         raise InputError(f"{data.path}: {what} has a face that names a vertex beyond its {count}; export it again")
     held = {}
-    for name in _attributes(attributes):
+    for name in (each for each in attributes if each in ("NORMAL", "COLOR_0") or each.startswith("TEXCOORD_")):
         values = np.asarray(data.array(attributes[name], what), np.float32)
         if values.ndim != 2 or len(values) != count or (name == "NORMAL" and values.shape[1] != 3):
             raise InputError(f"{data.path}: {what} has {name} of shape {values.shape} for {count} vertices")
@@ -185,16 +122,6 @@ def _placed(material: Any, faces: NDArray, local: NDArray, held: dict[str, NDArr
     if "NORMAL" in held:
         held = held | {"NORMAL": _turned(held["NORMAL"].astype(np.float64), turn)}
     return Piece(material, faces, local @ turn.T + matrix[:3, 3], held, bool(np.linalg.det(turn) < 0.0))
-
-
-def _attributes(attributes: Any) -> list[str]:
-    names = ["NORMAL", "TANGENT"] * (attributes.NORMAL is not None)
-    for kind in ("TEXCOORD", "COLOR"):
-        for number in range(8):
-            if attributes.get(f"{kind}_{number}") is None:
-                break
-            names.append(f"{kind}_{number}")
-    return [name for name in names if attributes.get(name) is not None]
 
 
 def _turned(normals: NDArray, turn: NDArray) -> NDArray:

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from ..base.errors import DataWarning, InputError
 from ..base.gltf import GltfData, entry
@@ -154,8 +155,6 @@ class Textures:
 
     def encoded(self, index: int) -> bytes:
         """The picture of a texture as PNG or JPEG, which every program reads. Raises InputError for none."""
-        from PIL import Image
-
         for source in _sources(entry(self._data.document.textures, index)):
             content = self._data.encoded(entry(self._data.document.images, source))
             if content.startswith((b"\x89PNG", b"\xff\xd8")):
@@ -194,8 +193,6 @@ class Textures:
 def decoded(content: bytes, room: int, path: Any) -> NDArray[Any] | None:
     """(H, W, 4) uint8 or uint16 of a picture, None where it cannot be decoded. Raises InputError for more texels than
     there is room for. path: of the file that it is of, for the message."""
-    from PIL import Image
-
     try:
         with Image.open(io.BytesIO(content), formats=READABLE) as opened:
             if opened.width * opened.height > room:

@@ -15,7 +15,7 @@ from ..base.errors import DataWarning, InputError
 from ..base.inputs import file_size, quiet_numbers, reading
 from .gltfmesh import read_gltf
 from .mesh import Mesh, vertex_normals, without_direction
-from .objmesh import read_obj, read_off
+from .objmesh import read_obj
 from .plymesh import read_ply
 from .stlmesh import read_stl
 from .surfaces import UncheckedMesh, centred, check_corners, too_far
@@ -26,7 +26,6 @@ READERS: dict[str, Callable[..., UncheckedMesh]] = {
     ".glb": read_gltf,
     ".gltf": read_gltf,
     ".stl": read_stl,
-    ".off": read_off,
 }
 READABLE_SUFFIXES = tuple(READERS)
 
@@ -48,8 +47,8 @@ def read_mesh(path: str | os.PathLike[str], in_place: bool = False, painted: boo
 
     path: ends in one of `READABLE_SUFFIXES`. in_place: whether it is a part of something and must not be moved, however
     small and far from the origin it is. painted: whether vertices take the colours of materials: their factor times
-    their picture at the vertex. Returns Mesh: vertices stand in the order of the file, for OBJ, STL and glTF in that of
-    their first use by faces, those that hold the same joined (see the readers). Raises InputError for a file that is
+    their picture at the vertex. Returns Mesh: vertices stand in the order of a PLY; of other files in that of their
+    first use by faces, those with the same place, normal and colour joined. Raises InputError for a file that is
     missing, of another kind, broken, or without triangles. Warns with a DataWarning about what is left out, pictures
     that cannot be read, and about a mesh that was moved to the origin because float32 would lose it where it is.
     """

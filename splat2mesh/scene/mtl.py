@@ -1,10 +1,10 @@
-"""The materials of OBJ files: `Kd` and `map_Kd` of MTL libraries, as colours of vertices.
+"""The materials of OBJ files: `Kd` and `map_Kd` of MTL libraries, as colours of corners.
 
 Both are sRGB, as the colours of vertices in OBJ files are. Source: Wavefront, "MTL material format" (1995).
 """
 
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -45,20 +45,15 @@ class Materials:
             for name, material in self._read(library).items():
                 self.named.setdefault(name, material)
 
-    def looks(self, names: Iterable[str | None]) -> tuple[list[Material], NDArray[np.int64]]:
-        """Materials that differ, and for each name the number of its own; a white one for unknown names."""
-        names = list(names)
+    def colors(self, names: Sequence[str | None], chosen: NDArray[np.int64], uv: NDArray) -> NDArray | None:
+        """(N, 3) sRGB of corners, None where no material has any; warns about what cannot be read.
+
+        names: of materials, None for none. chosen: (N,) of these. uv: (N, 2), v up from the last row; not a number
+        where a corner has none. Unknown materials are white.
+        """
         if self.named:
             self._lost |= {name: "in no library" for name in names if name is not None and name not in self.named}
-        each = [self.named.get(name, Material()) if name is not None else Material() for name in names]
-        number = {look: place for place, look in enumerate(dict.fromkeys(each))}
-        return [*number], np.array([number[look] for look in each], np.int64)
-
-    def colors(self, looks: list[Material], chosen: NDArray[np.int64], uv: NDArray) -> NDArray | None:
-        """(V, 3) sRGB of vertices, None where no material has any; warns about what cannot be read.
-
-        chosen: (V,) of `looks`. uv: (V, 2), v up from the last row; not a number where a vertex has none.
-        """
+        looks = [Material() if name is None else self.named.get(name, Material()) for name in names]
         found = np.ones((len(chosen), 3))
         for number, look in enumerate(looks):
             rows = np.flatnonzero(chosen == number)
@@ -69,7 +64,7 @@ class Materials:
             more = f" and {len(self._lost) - len(some)} more" * (len(self._lost) > len(some))
             message = f"{self._path}: colours of {len(self._lost)} materials or pictures cannot be read"
             warnings.warn(f"{message}: {', '.join(some)}{more}", DataWarning, stacklevel=4)
-        return None if looks == [Material()] else srgb_from_linear(found)
+        return None if set(looks) == {Material()} else srgb_from_linear(found)
 
     def _of(self, material: Material, uv: NDArray) -> NDArray:
         plain = linear_from_srgb(np.clip(np.array(material.color or (1.0, 1.0, 1.0)), 0.0, 1.0))

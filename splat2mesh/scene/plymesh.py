@@ -6,20 +6,16 @@ Polygons become triangle fans. A vertex keeps its row.
 import os
 import warnings
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..base.errors import DataWarning, InputError
-from ..base.kernels import kernel
 from ..splats.formats.ply import Element, Ply
 from .surfaces import UncheckedMesh, fans
 
 LISTS = ("vertex_indices", "vertex_index")
-
-MOST_ALIKE = 64
-"""Items of lists that are read at once; longer ones are no faces of a mesh that counts."""
 
 
 def read_ply(path: str | os.PathLike[str]) -> UncheckedMesh:
@@ -34,7 +30,7 @@ def read_ply(path: str | os.PathLike[str]) -> UncheckedMesh:
         raise InputError(f"{path}: expected a mesh whose vertices have x, y and z, and no lists")
     if "face" not in ply.elements or not any(name in ply.elements["face"].lists for name in LISTS):
         raise InputError(f"{path}: holds no triangles; expected a triangle mesh")
-    corners, counts = _check(ply)
+    corners, counts = _faces(ply)
     rows: Any = ply.rows("vertex")
 
     def columns(*wanted: str) -> NDArray | None:
@@ -59,30 +55,113 @@ def _warn_of_texture(ply: Ply) -> None:
         warnings.warn(message, DataWarning, stacklevel=4)
 
 
-def _check(ply: Ply) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+class _Body:
+    """What follows the header of a PLY, in units: bytes or, of an ascii file, numbers."""
+
+    def __init__(self, ply: Ply) -> None:
+        size = os.path.getsize(ply.path) - ply.body
+        stored = np.memmap(ply.path, np.uint8, "r", ply.body) if size > 0 else np.zeros(0, np.uint8)
+        self._ascii, self._order = ply.format == "ascii", ply.byte_order
+        self.units: NDArray = _numbers(stored) if self._ascii else stored
+
+    def width(self, code: str) -> int:
+        """Units of a number of a type code."""
+        return 1 if self._ascii else np.dtype(code).itemsize
+
+    def values(self, units: NDArray, code: str) -> NDArray:
+        """The numbers in some units, in a row."""
+        return units.ravel() if self._ascii else np.ascontiguousarray(units).view(self._order + code).ravel()
+
+    def items(self, at: int, code: str) -> int:
+        """Items of the list that begins at a unit, -1 for what is no length."""
+        if not self._ascii:
+            stored = self.units[at : at + self.width(code)].tobytes()
+            return int.from_bytes(stored, "big" if self._order == ">" else "little", signed=code.startswith("i"))
+        found = self.units[at] if at < len(self.units) else -1.0
+        return int(found) if 0.0 <= found <= len(self.units) and found == np.floor(found) else -1
+
+    def row(self, columns: list[tuple[str, str]], at: int) -> tuple[list[tuple[int, int]], int] | None:
+        """Where the items of each property of a row begin, and how many it has; and the end of the row.
+
+        columns: type codes of the length of each list, "" for a plain number, and of its items. None where the row is
+        not all there.
+        """
+        found = []
+        for length, item in columns:
+            items = self.items(at, length) if length else 1
+            if items < 0:
+                return None
+            at += self.width(length) if length else 0
+            found.append((at, items))
+            at += items * self.width(item)
+        return (found, at) if at <= len(self.units) else None
+
+
+def _faces(ply: Ply) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Corners of all faces in a row, and the corners of each. Raises InputError where an element is cut short."""
-    faces = np.zeros(0, np.int64), np.zeros(0, np.int64)
-    size = os.path.getsize(ply.path) - ply.body
-    body = np.memmap(ply.path, np.uint8, "r", ply.body) if size > 0 else np.zeros(0, np.uint8)
-    numbers = _numbers(body) if ply.format == "ascii" else None
-    start = 0
+    corners, counts, body, start = np.zeros(0), np.zeros(0, np.int64), _Body(ply), 0
     for name, element in ply.elements.items():
+        columns = [element.lists.get(key, ("", kind)) for key, kind in element.properties.items()]
+        if any(length.startswith("f") for length, _ in columns):
+            raise InputError(f"{ply.path}: a list of '{name}' counts its items in fractions: expected whole numbers")
+        # A list takes the room of its length at least, so no header can announce more rows than could be there.
+        least = sum(body.width(length or item) for length, item in columns)
+        if element.count * least > len(body.units) - start:
+            _cut_short(ply.path, name, element, max(0, len(body.units) - start) // least)
         if not element.has_lists:
-            width = len(element.properties) if numbers is not None else element.row_bytes
-            there = len(body) if numbers is None else len(numbers)
-            end = start + element.count * width
-            if end > there:
-                _cut_short(ply.path, name, element, max(0, there - start) // width)
-            start = end
+            start += element.count * least
             continue
         wanted = next((key for key in LISTS if key in element.lists), None) if name == "face" else None
-        if numbers is None:
-            corners, counts, start = _binary_lists(ply, name, element, body, start, wanted)
-        else:
-            corners, counts, start = _ascii_lists(ply.path, name, element, numbers, start, wanted)
+        which = list(element.properties).index(wanted) if wanted else 0
+        values, each, start = _lists(ply, body, columns, name, which, start)
         if wanted is not None:
-            faces = corners, counts
-    return faces
+            corners, counts = values, each
+    with np.errstate(invalid="ignore"):
+        whole = corners.astype(np.int64)
+    if (whole != corners).any():
+        raise InputError(
+            f"{ply.path}: a face names a vertex by {corners[whole != corners][0]:g}: export the mesh again"
+        )
+    return whole, counts
+
+
+def _lists(
+    ply: Ply, body: _Body, columns: list[tuple[str, str]], name: str, which: int, start: int
+) -> tuple[NDArray, NDArray[np.int64], int]:
+    """The items of one list of each row, one after the other, how many each row has, and where the element ends."""
+    count, code = ply.elements[name].count, columns[which][1]
+    size = body.width(code)
+    alike = _alike(body, columns, count, start)
+    if alike is not None:
+        (place, items), width = alike[0][which], alike[1] - start
+        table, first = body.units[start : start + width * count].reshape(count, width), place - start
+        values = body.values(table[:, first : first + items * size], code)
+        return values, np.full(count, items, np.int64), start + width * count
+    found = np.zeros((count, 2), np.int64)
+    for number in range(count):
+        row = body.row(columns, start)
+        if row is None:
+            _cut_short(ply.path, name, ply.elements[name], number)
+        found[number], start = row[0][which], row[1]
+    places, counts = found.T
+    within = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+    index = (np.repeat(places, counts) + size * within)[:, None] + np.arange(size)
+    return body.values(body.units[index.ravel()], code), counts, start
+
+
+def _alike(
+    body: _Body, columns: list[tuple[str, str]], count: int, start: int
+) -> tuple[list[tuple[int, int]], int] | None:
+    """The first row, as `_Body.row` finds it, where all lists are as long as its own; None otherwise."""
+    first = body.row(columns, start) if count else None
+    if first is None or start + count * (first[1] - start) > len(body.units):
+        return None
+    table = body.units[start : start + count * (first[1] - start)].reshape(count, -1)
+    for (place, items), (length, _) in zip(first[0], columns, strict=True):
+        end = place - start
+        if length and (body.values(table[:, end - body.width(length) : end], length) != items).any():
+            return None
+    return first
 
 
 def _numbers(body: NDArray[np.uint8]) -> NDArray[np.float64]:
@@ -95,150 +174,7 @@ def _numbers(body: NDArray[np.uint8]) -> NDArray[np.float64]:
             return np.zeros(0)
 
 
-def _ascii_lists(
-    path: Path, name: str, element: Element, numbers: NDArray[np.float64], start: int, wanted: str | None
-) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
-    kinds = np.array([kind == "list" for kind in element.properties.values()])
-    which = list(element.properties).index(wanted) if wanted else -1
-    # Every list takes a number at least, so that no header can announce more rows than could be there.
-    if element.count * len(kinds) > len(numbers) - start:
-        _cut_short(path, name, element, max(0, len(numbers) - start) // len(kinds))
-    places, counts = np.zeros(element.count, np.int64), np.zeros(element.count, np.int64)
-    row, end = _walk_numbers(numbers, start, kinds, which, places, counts)
-    if row < element.count:
-        _cut_short(path, name, element, row)
-    if wanted is None:
-        return places[:0], counts[:0], end
-    values = numbers[_spread(places, counts)]
-    with np.errstate(invalid="ignore"):
-        corners = values.astype(np.int64)
-    if (corners != values).any():
-        raise InputError(f"{path}: a face names a vertex by {values[corners != values][0]:g}: export the mesh again")
-    return corners, counts, end
-
-
-def _binary_lists(
-    ply: Ply, name: str, element: Element, body: NDArray[np.uint8], start: int, wanted: str | None
-) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
-    columns = []
-    for key, kind in element.properties.items():
-        length, item = element.lists.get(key, (None, kind))
-        signed = length is not None and length[0] == "i"
-        if length is not None and length[0] == "f":
-            raise InputError(f"{ply.path}: a list of '{name}' counts its items in {length}: expected whole numbers")
-        columns.append((np.dtype(length).itemsize if length else 0, signed, np.dtype(item).itemsize))
-    if wanted is not None and len(columns) == 1:
-        found = _alike(ply, element, body, start, wanted)
-        if found is not None:
-            return found
-    layout = np.array(columns, np.int64)
-    which = list(element.properties).index(wanted) if wanted else -1
-    least = int(np.where(layout[:, 0] > 0, layout[:, 0], layout[:, 2]).sum())
-    if element.count * least > len(body) - start:
-        _cut_short(ply.path, name, element, max(0, len(body) - start) // least)
-    places, counts = np.zeros(element.count, np.int64), np.zeros(element.count, np.int64)
-    row, end = _walk_bytes(body, start, layout, which, ply.byte_order == ">", places, counts)
-    if row < element.count:
-        _cut_short(ply.path, name, element, row)
-    if wanted is None:
-        return places[:0], counts[:0], end
-    stored = np.dtype(ply.byte_order + element.lists[wanted][1])
-    each = _spread(places, counts, stored.itemsize)
-    packed = body[(each[:, None] + np.arange(stored.itemsize)).ravel()] if len(each) else np.zeros(0, np.uint8)
-    values = packed.view(stored)
-    with np.errstate(invalid="ignore"):
-        corners = values.astype(np.int64)
-    if stored.kind == "f" and (corners != values).any():
-        raise InputError(f"{ply.path}: a face names a vertex by a number that is not whole: export the mesh again")
-    return corners, counts, end
-
-
-def _alike(
-    ply: Ply, element: Element, body: NDArray[np.uint8], start: int, wanted: str
-) -> tuple[NDArray[np.int64], NDArray[np.int64], int] | None:
-    """The same of lists of whole numbers that are all as long as the first and make up their rows, such as triangles;
-    None for others. A tenth of the time."""
-    length, item = (np.dtype(ply.byte_order + kind) for kind in element.lists[wanted])
-    if element.count == 0 or item.kind == "f" or start + length.itemsize > len(body):
-        return None
-    items = int(body[start : start + length.itemsize].view(length)[0])
-    width = length.itemsize + items * item.itemsize
-    if not 0 < items <= MOST_ALIKE or start + element.count * width > len(body):
-        return None
-    row = np.dtype([("length", length), ("items", item, (items,))])
-    rows = np.frombuffer(body, row, element.count, start)
-    if (rows["length"] != items).any():
-        return None
-    counts = np.full(element.count, items, np.int64)
-    return rows["items"].astype(np.int64).ravel(), counts, start + element.count * width
-
-
-def _spread(places: NDArray[np.int64], counts: NDArray[np.int64], step: int = 1) -> NDArray[np.int64]:
-    """Index of each item of lists that begin at `places`: (sum of counts,) int64."""
-    ends = np.cumsum(counts)
-    within = np.arange(ends[-1] if len(ends) else 0) - np.repeat(ends - counts, counts)
-    return np.repeat(places, counts) + step * within
-
-
-@kernel
-def _walk_numbers(
-    numbers: NDArray[np.float64],
-    start: int,
-    kinds: NDArray[np.bool_],
-    which: int,
-    places: NDArray[np.int64],
-    counts: NDArray[np.int64],
-) -> tuple[int, int]:
-    """Rows that are all there, and where the last one ends."""
-    for row in range(len(places)):
-        for k in range(len(kinds)):
-            if start >= len(numbers):
-                return row, start
-            if kinds[k]:
-                items = numbers[start]
-                if not (0.0 <= items <= len(numbers)) or items != np.floor(items):
-                    return row, start
-                if k == which:
-                    places[row], counts[row] = start + 1, int(items)
-                start += int(items)
-            start += 1
-        if start > len(numbers):
-            return row, start
-    return len(places), start
-
-
-@kernel
-def _walk_bytes(
-    body: NDArray[np.uint8],
-    start: int,
-    layout: NDArray[np.int64],
-    which: int,
-    big: bool,
-    places: NDArray[np.int64],
-    counts: NDArray[np.int64],
-) -> tuple[int, int]:
-    """The same in bytes. layout: (properties, 3), bytes of a list's length (0: no list), its sign, bytes of an item."""
-    for row in range(len(places)):
-        for k in range(len(layout)):
-            size, items = layout[k, 0], np.int64(1)
-            if size:
-                if start + size > len(body):
-                    return row, start
-                items = np.int64(0)
-                for b in range(size):
-                    at = b if big else size - 1 - b
-                    items = items << 8 | np.int64(body[start + at])
-                if layout[k, 1] and items >> (8 * size - 1):
-                    return row, start  # a list of fewer than no items
-                if k == which:
-                    places[row], counts[row] = start + size, items
-            start += size + items * layout[k, 2]
-            if start > len(body):
-                return row, start
-    return len(places), start
-
-
-def _cut_short(path: Path, name: str, element: Element, found: int) -> None:
+def _cut_short(path: Path, name: str, element: Element, found: int) -> NoReturn:
     raise InputError(
         f"{path}: broken or cut short: its header promises {element.count} rows of '{name}', {found} can be read; "
         "export the mesh again"

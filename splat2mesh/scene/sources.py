@@ -10,15 +10,13 @@ import numpy as np
 
 from ..base.errors import InputError
 from ..splats.formats import parts_of, read_splats
+from ..splats.formats.parts import METAS
 from ..splats.formats.sog import META
 from ..splats.joining import joined
 from ..splats.placing import placed
 from ..splats.splats import Splats
 from .folder import absolute
 from .scene import Scene
-
-_SOG_METAS = ("meta.json", "lod-meta.json", "meta.lcc")
-"""Names that every SOG has, so they identify none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,7 +147,7 @@ def _in_folder(entry: dict[str, Any], folder: Path, layout: dict[str, Any]) -> l
 
 def _own_name(entry: dict[str, Any]) -> Path:
     """A relative path that identifies the file: with its folder where every SOG has the same name."""
-    if entry["file"] in _SOG_METAS and "path" in entry:
+    if entry["file"] in METAS and "path" in entry:
         return Path(Path(entry["path"]).parent.name, entry["file"])
     return Path(entry["file"])
 

@@ -1,6 +1,7 @@
 """Usable splats: which rows of a file are usable, and the repair or removal of the others."""
 
 import warnings
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -8,6 +9,14 @@ from numpy.typing import NDArray
 
 from ..base.errors import DataWarning, InputError
 from .splats import ABSURD_LENGTH, FLATTEST, INVISIBLE_OPACITY, MIN_SPLATS, NUMBERS, Splats
+
+REASONS = {
+    "non_finite": "a NaN or infinite value",
+    "absurd": "a position or scale out of any useful range",
+    "zero_quaternion": "a zero quaternion",
+    "invisible": "an opacity below 1/255",
+}
+"""Why splats are dropped, by the names of their counts."""
 
 
 def usable(splats: Splats) -> tuple[NDArray[np.bool_], dict[str, int]]:
@@ -60,14 +69,7 @@ def clean(splats: Splats) -> tuple[Splats, dict[str, int]]:
             f"{len(kept)} of {len(splats)} splats are usable ({lost or 'none dropped'}), "
             f"at least {MIN_SPLATS} are needed: check that the file holds a trained splat"
         )
-    broken = {
-        "non_finite": "a NaN or infinite value",
-        "absurd": "a position or scale out of any useful range",
-        "zero_quaternion": "a zero quaternion",
-    }
-    parts = [f"{counts[name]} with {what}" for name, what in broken.items() if counts[name]]
-    if parts:
-        warnings.warn(f"dropped splats: {', '.join(parts)} (of {len(splats)})", DataWarning, stacklevel=2)
+    say_dropped(counts, len(splats))
     return _thickened(kept), counts
 
 
@@ -78,3 +80,10 @@ def _thickened(splats: Splats) -> Splats:
     scales = np.maximum(splats.scales, np.where(flat, FLATTEST * splats.scales.max(axis=1), 0)[:, None])
     warnings.warn(f"thickened {np.count_nonzero(flat)} splats with a scale of zero", DataWarning, stacklevel=3)
     return replace(splats, scales=scales)
+
+
+def say_dropped(counts: Mapping[str, int], total: int) -> None:
+    """Give one DataWarning of broken splats. counts: by reason; that of the invisible, which are usual, is not said."""
+    parts = [f"{counts[name]} with {why}" for name, why in REASONS.items() if counts[name] and name != "invisible"]
+    if parts:
+        warnings.warn(f"dropped splats: {', '.join(parts)} (of {total})", DataWarning, stacklevel=3)

@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from .splats import FLATTEST, Splats
@@ -20,8 +21,6 @@ def merged(splats: Splats, together: int = TOGETHER) -> Splats:
 
     Source: Goldberger and Roweis, "Hierarchical Clustering of a Mixture Model" (2004).
     """
-    from scipy.spatial.transform import Rotation
-
     starts = np.arange(0, len(splats), together)
     group = np.repeat(np.arange(len(starts)), np.diff(np.append(starts, len(splats))))
 
@@ -39,6 +38,13 @@ def merged(splats: Splats, together: int = TOGETHER) -> Splats:
     axes[np.linalg.det(axes) < 0, :, 0] *= -1.0
     scales = np.sqrt(np.maximum(squares, 0.0))
     scales = np.maximum(scales, FLATTEST * scales.max(axis=1, keepdims=True))
+    quats = np.roll(scipy.spatial.transform.Rotation.from_matrix(axes).as_quat(), 1, axis=1)
     opacities = np.minimum(sums(cover) / np.maximum(scales[:, 1] * scales[:, 2], 1e-300), 1.0)
     colors = sums(share[:, None, None] * splats.sh[:, :1])
-    return Splats(means, scales, np.roll(Rotation.from_matrix(axes).as_quat(), 1, axis=1), opacities, colors)
+    return Splats(
+        means,
+        scales,
+        quats,
+        opacities,
+        colors,
+    )

@@ -5,6 +5,7 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from ..base.errors import InputError
@@ -146,9 +147,7 @@ def _turned(sh: NDArray[np.float32], matrix: NDArray[np.float64]) -> NDArray[np.
 
 
 def _quat_wxyz(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
-    from scipy.spatial.transform import Rotation
-
-    return Rotation.from_matrix(rotation).as_quat()[[3, 0, 1, 2]]
+    return scipy.spatial.transform.Rotation.from_matrix(rotation).as_quat()[[3, 0, 1, 2]]
 
 
 def _times(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -11,6 +11,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from ..base.arrays import Faces, Floats, Indices, Integers, Mask, Points
@@ -203,12 +204,10 @@ def face_areas(points: Points, faces: Integers) -> NDArray[np.float64]:
 
 def _nearest_texel(texels: Indices, size: int) -> NDArray[np.int32]:
     """(size * size,) int32: for each texel the index of the nearest one that shows something."""
-    from scipy.ndimage import distance_transform_edt
-
     index = np.full(size * size, -1, np.int32)
     index[texels] = np.arange(len(texels), dtype=np.int32)
     empty = (index < 0).reshape(size, size)
-    rows, columns = distance_transform_edt(empty, return_distances=False, return_indices=True)
+    rows, columns = scipy.ndimage.distance_transform_edt(empty, return_distances=False, return_indices=True)
     return index.reshape(size, size)[rows, columns].ravel()
 
 

@@ -1,6 +1,7 @@
 """The required resolution of a texture: the size of the smallest splats, at each point of a surface."""
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from ..base.arrays import Integers, Points
@@ -19,14 +20,20 @@ SMOOTHED = 4
 
 def local_pixel(splats: Splats, points: Points, faces: Integers) -> NDArray[np.float64]:
     """Size of a training pixel at faces (F, 3) of points (V, 3), in the frame of the splats: (F,) float64."""
-    from scipy.spatial import cKDTree
-
     centers = points[faces].mean(axis=1)
     solid = splats.opacities > SOLID
     solid = solid if solid.any() else np.ones(len(splats), bool)
     sizes = splats.scales[solid].max(axis=1) / SCALES_PER_PIXEL
     sampled = centers[:: max(1, len(centers) // SAMPLES)]
-    near = cKDTree(splats.means[solid]).query(sampled, min(AROUND, len(sizes)), workers=-1)[1].reshape(len(sampled), -1)
+    near = (
+        scipy.spatial.cKDTree(splats.means[solid])
+        .query(sampled, min(AROUND, len(sizes)), workers=-1)[1]
+        .reshape(len(sampled), -1)
+    )
     pixel = np.log(np.maximum(np.percentile(sizes[near], PERCENTILE, axis=1), 1e-30))
-    around = cKDTree(sampled).query(centers, min(SMOOTHED, len(sampled)), workers=-1)[1].reshape(len(centers), -1)
+    around = (
+        scipy.spatial.cKDTree(sampled)
+        .query(centers, min(SMOOTHED, len(sampled)), workers=-1)[1]
+        .reshape(len(centers), -1)
+    )
     return np.exp(pixel[around].mean(axis=1))

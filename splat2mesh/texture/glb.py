@@ -4,20 +4,18 @@ import io
 from collections.abc import Sequence
 from typing import Any
 
+import imageio.v3 as iio
 import numpy as np
+import pygltflib as gltf
 from numpy.typing import NDArray
 
 from ..scene.color import linear_from_srgb
-from ..scene.glb import Glb
+from ..scene.glb import UNLIT, Glb, matt
 from ..scene.mesh import Mesh
 from ..scene.scene import Scene
 from .atlas import Atlas
 from .fill import filled
 from .texture import Texture
-
-CLAMP, LINEAR, LINEAR_MIPMAP = 33071, 9729, 9987
-
-UNLIT = "KHR_materials_unlit"
 
 PNG = b"\x89PNG"
 """Bytes that a PNG begins with."""
@@ -40,8 +38,6 @@ def textured_glb(
     Vertices stand in the order of the atlas; on seams of the texture there are several of one scene vertex. Where the
     scene has fewer chunks than the atlas, the others are left out.
     """
-    import pygltflib as gltf
-
     pictures = [("color", picture), *([("gloss", gloss)] if gloss else [])]
     surface = gltf.PbrMetallicRoughness(
         baseColorTexture=gltf.TextureInfo(index=0), metallicFactor=float(bool(gloss)), roughnessFactor=1.0
@@ -52,7 +48,14 @@ def textured_glb(
     file = Glb(
         extensionsUsed=list(flat),
         materials=[gltf.Material(name=material, pbrMetallicRoughness=surface, doubleSided=True, extensions=flat)],
-        samplers=[gltf.Sampler(magFilter=LINEAR, minFilter=LINEAR_MIPMAP, wrapS=CLAMP, wrapT=CLAMP)],
+        samplers=[
+            gltf.Sampler(
+                magFilter=gltf.LINEAR,
+                minFilter=gltf.LINEAR_MIPMAP_LINEAR,
+                wrapS=gltf.CLAMP_TO_EDGE,
+                wrapT=gltf.CLAMP_TO_EDGE,
+            )
+        ],
         textures=[gltf.Texture(sampler=0, source=source) for source in range(len(pictures))],
     )
     normals, first = _unit(scene.normals), 0
@@ -78,15 +81,10 @@ def add_cards(file: Glb, cards: Sequence[tuple[Mesh, NDArray[np.float32]]], unli
 
     cards: Mesh and (V, 3) linear colours of its vertices. unlit: as of the rest of the file.
     """
-    import pygltflib as gltf
-
     if not cards:
         return
-    surface = gltf.PbrMetallicRoughness(metallicFactor=0.0, roughnessFactor=1.0)
-    flat: dict[str, Any] = {UNLIT: {}} if unlit else {}
-    look = gltf.Material(name="cards", pbrMetallicRoughness=surface, doubleSided=True, extensions=flat)
     materials = file.document.materials
-    materials.append(look)
+    materials.append(matt("cards", unlit))
     for number, (mesh, colors) in enumerate(cards):
         attributes = {
             "POSITION": file.positions(mesh.vertices),
@@ -109,8 +107,6 @@ def mesh_glb(texture: Texture, chunks: int, extras: dict[str, Any], cards: Seque
 
 def jpeg_bytes(image: NDArray[np.uint8]) -> bytes:
     """Return a picture (H, W, 3) as JPEG."""
-    import imageio.v3 as iio
-
     file = io.BytesIO()
     iio.imwrite(file, image, extension=".jpg", quality=QUALITY, subsampling=0)
     return file.getvalue()

@@ -7,11 +7,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
+import imageio.v3 as iio
 import numpy as np
+import pygltflib
 from numpy.typing import NDArray
 
 from ..base.arrays import ColorsSrgb, Floats
 from ..base.errors import DataWarning
+from ..base.gltf import COMPONENTS
 from ..scene.drawn import Drawn
 from ..scene.folder import TEXTURED
 from ..scene.mesh import Mesh
@@ -55,9 +58,6 @@ def kept_file(scene: Scene) -> bytes | None:
 
 def kept_texture(part: Drawn, content: bytes) -> tuple[Atlas, ColorsSrgb]:
     """The Atlas of a scene's `textured_part` and the colours of its texels, (T, 3) uint8, from bytes of mesh.glb."""
-    import imageio.v3 as iio
-    import pygltflib
-
     document = pygltflib.GLTF2.load_from_bytes(content)
     blob = document.binary_blob()
 
@@ -66,13 +66,12 @@ def kept_texture(part: Drawn, content: bytes) -> tuple[Atlas, ColorsSrgb]:
         view = document.bufferViews[entry.bufferView]
         return np.frombuffer(blob, kind, entry.count * width, view.byteOffset)
 
-    kinds = {5123: "<u2", 5125: "<u4"}
     uv, faces = [], []
     scene = part.scene
     left: Sequence[Any] = scene.left or (None,) * len(scene.chunks)
     for mesh, rows in zip(document.meshes, left, strict=False):
         drawn = mesh.primitives[0]
-        kind = kinds[document.accessors[drawn.indices].componentType]
+        kind = COMPONENTS[document.accessors[drawn.indices].componentType]
         corners = array(drawn.indices, kind, 1).reshape(-1, 3).astype(np.int32)
         coordinates = array(drawn.attributes.TEXCOORD_0, "<f4", 2).reshape(-1, 2)
         if rows is not None:

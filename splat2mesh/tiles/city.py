@@ -16,18 +16,19 @@ from typing import Any
 import numpy as np
 
 from ..base.errors import InputError, UnfinishedError
+from ..base.inputs import is_url
 from ..base.outputs import check_output
 from ..base.progress import Stages
 from ..base.version import VERSION
 from ..options import ConvertOptions, TilingOptions, refuse_in_cities
 from ..surface.place import PLACE
 from .look import look, probe
-from .pieces import CityPiece, is_url, pieces_of, size_of
+from .pieces import CityPiece, pieces_of, size_of
 from .plan import FILE, CityPlan, folder_of
 from .steps import TaskSteps, name_failed
 from .store import Store
 from .surface import mesh
-from .survey import LEAST_SAMPLE, SAMPLE, deal, plan_of, say_dropped, survey
+from .survey import LEAST_SAMPLE, SAMPLE, deal, plan_of, say_all_dropped, survey
 from .tasks import Done, Task, costs, tiling_engine
 from .tileset import tileset
 
@@ -124,7 +125,7 @@ def _surveyed(steps: TaskSteps, pieces: list[CityPiece], asked: dict[str, Any]) 
         steps.store.remove(".")
         raise InputError(lost[0].error)
     counts = [found[task.name].result for task in tasks]
-    say_dropped(counts)
+    say_all_dropped(counts)
     try:
         plan = plan_of(steps.store, pieces, counts, asked)
     except InputError:

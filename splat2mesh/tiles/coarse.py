@@ -6,11 +6,13 @@ rays choose the twin whose occlusion is nearest to the tile's.
 """
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from ..base.arrays import Faces, Floats, Indices, Points, Rays
 from ..render.raycaster import RayCaster
 from ..scene.mesh import Mesh
+from ..surface.decimate import decimate
 from .lattice import normals_of
 
 TOTAL, LEAST = 120_000, 24
@@ -45,10 +47,6 @@ def twins(mesh: Mesh, tiles: int) -> tuple[Mesh, Mesh | None]:
 
 def coarse(mesh: Mesh, wanted: int) -> Mesh:
     """A Mesh of about so many vertices with the occlusion of the mesh, and the colours of the nearest vertices."""
-    from scipy.spatial import cKDTree
-
-    from ..surface.decimate import decimate
-
     if len(mesh.vertices) <= wanted:
         return mesh
     fine = mesh.vertices.astype(np.float64), mesh.faces
@@ -61,7 +59,7 @@ def coarse(mesh: Mesh, wanted: int) -> Mesh:
     rays = _rays(fine[0])
     hidden = _hidden(fine[0], fine[1], rays)
     points, faces = min(few, key=lambda twin: float(np.abs(_hidden(twin[0], twin[1], rays) - hidden).mean()))
-    nearest = cKDTree(mesh.vertices).query(points)[1]
+    nearest = scipy.spatial.cKDTree(mesh.vertices).query(points)[1]
     normals = normals_of(points, faces).astype(np.float32)
     return Mesh(points.astype(np.float32), normals, faces.astype(np.int32), mesh.colors_srgb[nearest])
 

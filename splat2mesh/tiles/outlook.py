@@ -14,7 +14,7 @@ from .memory import BASE_GB
 from .pieces import pieces_of
 from .plan import GB_PER_SPLAT, CityPlan, splats_for
 from .store import Store
-from .survey import LEAST_SAMPLE, SAMPLE, plan_of, say_dropped, survey
+from .survey import LEAST_SAMPLE, SAMPLE, plan_of, say_all_dropped, survey
 from .tasks import Loop, Task
 
 SECONDS_PER_SPLAT = {"draft": 2.5e-4, "normal": 6.6e-4, "fine": 8.2e-4}
@@ -50,7 +50,7 @@ def outlook(
                     raise InputError(done.error)
                 counts.append(done.result)
                 advance()
-        say_dropped(counts)
+        say_all_dropped(counts)
         plan = plan_of(store, pieces, counts, settings)
     return {
         "splats": plan.splats,

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..base.errors import DataWarning, InputError
-from ..base.inputs import inside
+from ..base.inputs import inside, is_url
 from ..splats.facts import HERE, Vector3
 from ..splats.formats import inria, sog, streamed
 from ..splats.formats.parts import SUFFIXES, check_lod, parts_of
@@ -82,11 +82,6 @@ def _cut(path: Path) -> list[CityPiece]:
             starts = range(0, rows, PIECE_ROWS)
             return [CityPiece(str(path), start, min(start + PIECE_ROWS, rows), False) for start in starts]
     return [CityPiece(str(path), 0, -1, False)]
-
-
-def is_url(path: str | os.PathLike[str]) -> bool:
-    """Whether a path is a URL of fsspec."""
-    return "://" in os.fspath(path)
 
 
 def _in_bucket(url: str, lod: Any) -> list[CityPiece]:

@@ -6,6 +6,7 @@ The inside of houses, which no capture saw, has no way to the sky.
 from collections.abc import Iterator
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from ..base.arrays import Floats, Mask, Vector
@@ -34,8 +35,6 @@ def stations_of(
     spacing: float,  # between stations
 ) -> list[Eye]:
     """The stations within a core, in the scene frame, column after column, from below upwards."""
-    from scipy.ndimage import distance_transform_edt, label
-
     points = means[opacities > SOLID].astype(np.float64)
     if len(points) == 0:
         return []
@@ -55,9 +54,9 @@ def stations_of(
     some = np.asarray(taken.any(axis=1))
     first = np.where(some, taken.argmax(axis=1), 0)
     taken |= (np.arange(shape[1])[None, :, None] < first[:, None, :]) & some[:, None, :]
-    clearance = distance_transform_edt(~taken)
+    clearance = scipy.ndimage.distance_transform_edt(~taken)
     free = np.asarray(clearance >= CLEAR_CELLS)
-    parts = np.asarray(label(free)[0])
+    parts = np.asarray(scipy.ndimage.label(free)[0])
     sky = np.zeros(parts.max() + 1, bool)
     sky[parts[:, -1]] = True
     free &= sky[parts]  # what is no part is not free

@@ -7,6 +7,7 @@ import hashlib
 import io
 import json
 import os
+import shutil
 from typing import Any
 
 import numpy as np
@@ -105,8 +106,6 @@ class Store:
 
     def remove(self, folder: str) -> None:
         """Remove a folder of files, if it exists."""
-        import shutil
-
         where = self.root if folder == "." else self.path(folder)
         if self.is_local:
             shutil.rmtree(where, ignore_errors=True)

@@ -8,6 +8,7 @@ from hashlib import sha256
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from ..base.arrays import Faces, Indices, Points
@@ -144,14 +145,11 @@ def _borders(raw: Raw, tile: int, kept: Indices, faces: Faces, points: Points) -
 def without_loose(faces: NDArray, seam: NDArray) -> tuple[NDArray, int]:
     """Faces without parts of less than SMALLEST_FACES, and how many parts went. Parts at a border stay: the other side
     may hold the rest."""
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-
     if not len(faces):
         return faces, 0
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]]])
-    graph = coo_matrix((np.ones(len(edges), np.int8), edges.T), (len(seam), len(seam)))
-    count, part = connected_components(graph, directed=False)
+    graph = scipy.sparse.coo_matrix((np.ones(len(edges), np.int8), edges.T), (len(seam), len(seam)))
+    count, part = scipy.sparse.csgraph.connected_components(graph, directed=False)
     sizes = np.bincount(part[faces[:, 0]], minlength=count)
     small = (sizes < SMALLEST_FACES) & (sizes > 0)
     small[np.unique(part[np.flatnonzero(seam)])] = False

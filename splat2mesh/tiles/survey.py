@@ -1,13 +1,12 @@
 """First passes over a city: a sample of every piece makes the plan; then every piece is divided among the tiles."""
 
-import warnings
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from ..base.errors import DataWarning, InputError
-from ..splats.cleaning import usable
+from ..base.errors import InputError
+from ..splats.cleaning import REASONS, say_dropped, usable
 from ..splats.extent import check_extent
 from ..splats.facts import HERE, FileFacts, common
 from ..splats.joining import joined
@@ -148,16 +147,6 @@ def splats_of(
     return joined(parts)
 
 
-def say_dropped(counts: list[dict[str, Any]]) -> None:
+def say_all_dropped(counts: list[dict[str, Any]]) -> None:
     """Warn of unusable splats, all pieces together."""
-    total = sum(count["splats"] for count in counts)
-    broken = {
-        "a NaN or infinite value": "non_finite",
-        "a position or scale out of any useful range": "absurd",
-        "a zero quaternion": "zero_quaternion",
-    }
-    parts = [
-        f"{sum(c[key] for c in counts)} with {what}" for what, key in broken.items() if sum(c[key] for c in counts)
-    ]
-    if parts:
-        warnings.warn(f"dropped splats: {', '.join(parts)} (of {total})", DataWarning, stacklevel=2)
+    say_dropped({name: sum(count[name] for count in counts) for name in REASONS}, sum(c["splats"] for c in counts))

@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from importlib.util import find_spec
 from typing import Any, NamedTuple
 
-from ..base.console import ONE_BLAS_THREAD
+from ..base.console import ONE_BLAS_THREAD, peak_mb
 from ..base.errors import InputError
 from ..base.extras import needed
 from ..base.progress import Stages
@@ -296,8 +296,6 @@ def _peak_mb(since_reset: bool) -> float:
             for line in file:
                 if line.startswith("VmHWM:"):
                     return round(int(line.split()[1]) / 1024, 1)
-    from ..base.console import peak_mb
-
     return peak_mb()
 
 

@@ -5,6 +5,7 @@ from typing import Any
 
 from distributed import WorkerPlugin
 
+from ..base.console import ONE_BLAS_THREAD
 from .memory import keep_memory
 
 
@@ -15,7 +16,5 @@ class Prepared(WorkerPlugin):
 
     def setup(self, worker: Any) -> None:
         """One thread of BLAS, as in a command; freed memory stays."""
-        from ..base.console import ONE_BLAS_THREAD
-
         os.environ.update(ONE_BLAS_THREAD)  # the nanny of dask has one already; without it, where NumPy has not loaded
         keep_memory()

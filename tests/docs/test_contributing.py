@@ -85,7 +85,7 @@ ORDER = {
 COMMAND_LINES = {"cli", "arguments", "__main__"}
 """Top-level modules that no library module imports."""
 
-FOR_COMMANDS = {"commandline", "manual", "requests"}
+FOR_COMMANDS = {"commandline", "completion", "requests"}
 """Modules of splat2mesh/base that only command lines import."""
 
 

@@ -51,8 +51,6 @@ def a_ring_of_nodes():
 DAMAGED = {
     "cut.ply": (HEAD + SQUARE + "3 0 1 2\n", (4, 1)),
     "row_lost.ply": (HEAD + "0 0 0\n1 0 0\n1 1 0\n3 0 1 2\n3 0 2 3\n", (4, 1)),
-    "cut.off": ("OFF\n4 2 0\n" + SQUARE + "3 0 1 2\n", (4, 1)),
-    "corner_lost.off": ("OFF\n4 2 0\n" + SQUARE + "3 0 1 2\n3 0 2\n", (4, 1)),
     "flat.obj": ("v 0 0\nv 1 0\nv 1 1\nf 1 2 3\n", (3, 1)),
     "packed.glb": (draco(), (32, 36)),
     "ring.glb": (a_ring_of_nodes(), (16, 18)),

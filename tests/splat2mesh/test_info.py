@@ -4,20 +4,15 @@ import json
 import warnings
 from dataclasses import replace
 
-import imagecodecs
 import numpy as np
 import pytest
 from ball_splats import solid_ball
 from ply_samples import inria_columns, ply_bytes
-from random_meshes import random_mesh
 from splat_samples import make_splats, store
 
-from splat2mesh.base.errors import InputError
 from splat2mesh.cli import main
 from splat2mesh.info import info_of, lines_of
 from splat2mesh.render.view import View
-from splat2mesh.scene.meshfile import write_mesh_ply
-from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.facts import FileFacts
 from splat2mesh.splats.formats import write_splats
 
@@ -59,18 +54,13 @@ def test_what_is_left_out_is_said_once(tmp_path):
     assert sum("warning" in line for line in lines_of(found)) == 1
 
 
-def test_checkpoints_frames_and_too_few(tmp_path):
+def test_checkpoints_and_too_few(tmp_path):
     for number in (7000, 30000):
-        (tmp_path / "trained").mkdir(exist_ok=True)
-        write_splats(tmp_path / "trained" / f"splat_{number}.ply", solid_ball(900 + number // 1000))
+        folder = tmp_path / "trained" / "point_cloud" / f"iteration_{number}"
+        folder.mkdir(parents=True)
+        write_splats(folder / "point_cloud.ply", solid_ball(900 + number // 1000))
     found = info_of(tmp_path / "trained")
-    assert found["splats"] == 930 and found["files"] == [str(tmp_path / "trained" / "splat_30000.ply")]
-    (tmp_path / "film").mkdir()
-    for number in range(3):
-        write_splats(tmp_path / "film" / f"frame_{number}.ply", solid_ball(900 + number))
-    found = info_of(tmp_path / "film")
-    assert found["frames"] == 3 and found["holds"] == "a sequence of 3 frames"
-    assert "--sequence" in found["warnings"][0]
+    assert found["splats"] == 930 and found["files"] == [str(folder / "point_cloud.ply")]
     write_splats(tmp_path / "few.ply", make_splats(4, 0))
     assert "nothing to mesh" in info_of(tmp_path / "few.ply")["holds"]
 
@@ -89,45 +79,7 @@ def test_cameras(tmp_path):
     assert info_of(tmp_path)["what"] == "cameras"
 
 
-def test_lights(tmp_path):
-    import OpenEXR
-
-    pixels = np.ones((8, 16, 3), np.float32)
-    ap1 = (0.713, 0.293, 0.165, 0.83, 0.128, 0.044, 0.32168, 0.33767)
-    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage, "chromaticities": ap1}
-    OpenEXR.File(header, {"RGB": OpenEXR.Channel(pixels)}).write(str(tmp_path / "a.exr"))
-    found = info_of(tmp_path / "a.exr")
-    assert (found["width"], found["height"], found["layout"]) == (16, 8, "lat-long")
-    assert sorted(found["channels"]) == ["B", "G", "R"]
-    np.testing.assert_allclose(found["chromaticities"], ap1, atol=1e-4)
-    found = info_of(store(tmp_path, "a.hdr", imagecodecs.rgbe_encode(np.ones((16, 16, 3), np.float32))))
-    assert (found["width"], found["height"], found["layout"]) == (16, 16, "square: an angular map")
-
-
-@pytest.mark.parametrize("name", ["a.exr", "a.hdr"])
-def test_damaged_headers_of_lights_get_one_line(tmp_path, name):
-    rng = np.random.default_rng(0)
-    marks = {
-        "a.exr": b"\x76\x2f\x31\x01\2\0\0\0displayWindow\0box2i\0\x10\0\0\0" + bytes(16) + b"\0",
-        "a.hdr": b"#?RAD\n\n-Y 4 +X 8\n",
-    }
-    assert info_of(store(tmp_path, name, marks[name]))["what"] == "light"
-    for _ in range(200):
-        data = bytearray(marks[name])
-        for at in rng.integers(len(data), size=3):
-            data[at] = rng.integers(256)
-        try:
-            info_of(store(tmp_path, name, bytes(data[: rng.integers(1, len(data) + 1)])))
-        except InputError as error:
-            assert "\n" not in str(error)
-
-
-def test_meshes_scenes_and_layouts(tmp_path):
-    mesh = random_mesh(40)
-    write_mesh_ply(tmp_path / "mesh.ply", mesh)
-    assert info_of(tmp_path / "mesh.ply")["faces"] == len(mesh.faces)
-    Scene.from_mesh(mesh, 1000).save(tmp_path / "scene")
-    assert info_of(tmp_path / "scene")["what"] == "scene"
+def test_layouts(tmp_path):
     write_splats(tmp_path / "a.ply", make_splats(20, 0))
     layout = {"objects": [{"splat": "a.ply", "name": "vase"}]}
     found = info_of(store(tmp_path, "room.json", json.dumps(layout).encode()))

@@ -10,9 +10,9 @@ from ball_splats import solid_ball
 from scipy.spatial.transform import Rotation
 
 import splat2mesh.layout
-from splat2mesh import convert
+from splat2mesh import convert, plan_mesh
 from splat2mesh.base.errors import DataWarning, InputError
-from splat2mesh.layout import convert_layout, is_layout, plan_layout, read_layout
+from splat2mesh.layout import is_layout, read_layout
 from splat2mesh.scene.scene import Scene
 from splat2mesh.scene.sources import source_parts, source_splats
 from splat2mesh.splats.formats import read_splats, write_splats
@@ -77,11 +77,11 @@ PLACES = (
 def room(folder):
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(EFFORTS, "draft", QUICK)
-        return convert_layout(layout(folder, *OBJECTS), **SETTINGS)
+        return convert(layout(folder, *OBJECTS), **SETTINGS)
 
 
 def test_an_object_placed_nowhere_is_the_same_to_the_bit(folder, alone):
-    found = convert_layout(layout(folder, {"splat": "object.ply"}, name="one.json"), **SETTINGS)
+    found = convert(layout(folder, {"splat": "object.ply"}, name="one.json"), **SETTINGS)
     assert len(found.chunks) == len(alone[0].chunks) > 1
     for chunk, expected in zip(found.chunks, alone[0].chunks, strict=True):
         for name in ATTRIBUTES:
@@ -151,7 +151,7 @@ def test_one_object_hides_the_sky_from_another(folder, alone):
     """Rays straight up from below meet the object above: what relight needs to let them shadow one another."""
     low, high = alone[0].bounds
     above = {"splat": "object.ply", "position": [0, 3 * (high - low)[1], 0]}
-    stacked = convert_layout(layout(folder, {"splat": "object.ply"}, above, name="stack.json"), **SETTINGS)
+    stacked = convert(layout(folder, {"splat": "object.ply"}, above, name="stack.json"), **SETTINGS)
     tracer = o3d.t.geometry.RaycastingScene()
     tracer.add_triangles(stacked.vertices, stacked.faces.astype(np.uint32))
     middle = (low + high) / 2
@@ -162,11 +162,11 @@ def test_one_object_hides_the_sky_from_another(folder, alone):
 
 def test_the_same_splat_is_converted_once_and_its_places_are_distinct(folder, monkeypatch):
     calls = []
-    original = splat2mesh.layout.convert
-    monkeypatch.setattr(splat2mesh.layout, "convert", lambda *a, **k: calls.append(a[1]) or original(*a, **k))
+    original = splat2mesh.layout.converted
+    monkeypatch.setattr(splat2mesh.layout, "converted", lambda *a, **k: calls.append(a[1]) or original(*a, **k))
     twins = [{"splat": "object.ply", "position": [x, 0, 0]} for x in (0, 5, 10)]
     path = layout(folder, *twins, {"splat": "object.ply", "vertices": 800, "name": "small"}, name="twins.json")
-    found = convert_layout(path, **SETTINGS)
+    found = convert(path, **SETTINGS)
     assert [call.vertices for call in calls] == [1500, 800]
     entries = found.source["objects"]
     assert [entry["name"] for entry in entries] == ["object", "object-2", "object-3", "small"]
@@ -197,14 +197,14 @@ def test_warnings_and_errors_name_the_object(folder):
     write_splats(folder / "holes.ply", splats)
     write_splats(folder / "few.ply", splats.take(slice(100, 105)))
     with pytest.warns(DataWarning, match="^left: dropped splats: 7 with a NaN"):
-        convert_layout(layout(folder, {"splat": "holes.ply", "name": "left"}, name="w.json"), **SETTINGS)
+        convert(layout(folder, {"splat": "holes.ply", "name": "left"}, name="w.json"), **SETTINGS)
     path = layout(folder, {"splat": "object.ply"}, {"splat": "few.ply"}, name="few.json")
     with pytest.raises(InputError, match=r"^few: 5 of 5 splats are usable"):
-        plan_layout(path)
+        plan_mesh(path)
 
 
 def test_the_plan_says_where_everything_goes(folder, room):
-    found = plan_layout(folder / "room.json", detail="draft")
+    found = plan_mesh(folder / "room.json", detail="draft")
     assert found["splats"] == room.statistics["splats"] and list(found["objects"]) == ["object", "bust"]
     for entry in room.source["objects"]:
         planned = found["objects"][entry["name"]]
@@ -215,15 +215,15 @@ def test_the_plan_says_where_everything_goes(folder, room):
 
 def test_options_are_for_all_objects_that_do_not_say(folder):
     path = layout(folder, {"splat": "object.ply"}, {"splat": "object.ply", "up": "+z"}, name="up.json")
-    found = plan_layout(path, up="+y", detail="draft")["objects"]
+    found = plan_mesh(path, up="+y", detail="draft")["objects"]
     np.testing.assert_array_equal(found["object"]["scene_from_splat"], np.eye(4))
     assert found["object-2"]["scene_from_splat"] != found["object"]["scene_from_splat"]
     with pytest.raises(InputError, match="`cameras` sparse: in a layout, give each object its own"):
-        convert_layout(path, cameras="sparse")
+        convert(path, cameras="sparse")
     with pytest.raises(InputError, match="`detail` bold"):
-        convert_layout(path, detail="bold")
+        convert(path, detail="bold")
     with pytest.raises(InputError, match="`vertices` 0"):
-        convert_layout(path, vertices=0)
+        convert(path, vertices=0)
 
 
 def test_a_layout_differs_from_a_sog(tmp_path):

@@ -12,9 +12,9 @@ from scipy.spatial import cKDTree
 from scenes import capture_views
 from scenes.cameras import FLIP, write_colmap
 from splat2mesh import convert
+from splat2mesh.api import plan_mesh as plan
 from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.base.progress import Stages
-from splat2mesh.pipeline import plan
 from splat2mesh.render.view import View
 from splat2mesh.scene.scene import Scene
 from splat2mesh.scene.sources import describe

@@ -75,7 +75,7 @@ def _newer_splats(folder, splats):
     write_lcc(folder / "lcc", [palette_splats(30, 3), palette_splats(10, 3)], palette_splats(5, 3))
     scene = {f"scene/{each.name}": each.read_bytes() for each in (folder / "lcc").iterdir()}
     found["splat.lcc"] = scene, "scene/meta.lcc"
-    names = [f"out/splat_{number}.ply" for number in (7000, 30000)]
+    names = [f"out/point_cloud/iteration_{number}/point_cloud.ply" for number in (7000, 30000)]
     found["splat.checkpoints"] = dict.fromkeys(names, (folder / "whole.ply").read_bytes()), "out"
     return found | _usd_splats(folder, splats)
 
@@ -140,8 +140,6 @@ def _meshes(folder):
         corners = "".join("  vertex {} {} {}\n".format(*points[corner]) for corner in face)
         text += f"facet normal 0 0 1\n outer loop\n{corners} endloop\nendfacet\n"
     found["mesh.ascii.stl"] = {"a.stl": (text + "endsolid a\n").encode()}, "a.stl"
-    off = f"OFF\n{len(points)} {len(faces)} 0\n{rows}{listed}"
-    found["mesh.off"] = {"a.off": off.encode()}, "a.off"
     document, blob = _gltf(points, normals, faces)
     found["mesh.glb"] = {"a.glb": _glb(document, blob)}, "a.glb"
     apart = document | {"buffers": [{"byteLength": len(blob), "uri": "a.bin"}]}

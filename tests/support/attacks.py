@@ -96,7 +96,7 @@ READERS = {
     "splat.folder": _splats,
     "splat.streamed": _splats,
     "splat.checkpoints": _splats,
-    **{f"mesh.{kind}": _mesh for kind in ("ply", "ascii.ply", "obj", "stl", "ascii.stl", "glb", "gltf", "off")},
+    **{f"mesh.{kind}": _mesh for kind in ("ply", "ascii.ply", "obj", "stl", "ascii.stl", "glb", "gltf")},
     **{f"light.{kind}": _light for kind in ("exr", "piz.exr", "tiled.exr", "hdr", "old.hdr")},
     "scene": _scene,
     "animation": _animation,

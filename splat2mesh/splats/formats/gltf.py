@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from ...base.errors import DataWarning, InputError
 from ...base.gltf import SPLATS, GltfData, Record, entry, warn_skipped
-from ...base.gltfnodes import global_matrices, hierarchy, initial_transforms
+from ...base.gltfnodes import shown_nodes
 from ...base.inputs import check_count
 from ..facts import FileFacts
 from ..joining import joined
@@ -48,18 +48,15 @@ def read(path: str | os.PathLike[str]) -> Splats:
     out, and about colours that are converted.
     """
     data = GltfData(Path(path), meshless=True)
-    order, parent, shown = hierarchy(data)
-    matrices = global_matrices(initial_transforms(data), order, parent)
-    nodes, parts, left, total = data.document.nodes or [], [], 0, 0
-    for index in order:
-        node = nodes[index]
-        if node.mesh is None or not shown[index]:
+    parts, left, total = [], 0, 0
+    for _, node, matrix in shown_nodes(data):
+        if node.mesh is None:
             continue
         for primitive in entry(data.document.meshes, node.mesh).primitives:
             if not holds_splats(primitive):
                 left += 1
                 continue
-            part = placed(_primitive(data, primitive), _UP @ matrices[index])
+            part = placed(_primitive(data, primitive), _UP @ matrix)
             total += len(part)
             check_count(path, total, 4 * data.size)  # nodes may repeat a mesh
             parts.append(part)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from ...base.errors import InputError
 from ...base.inputs import file_size
+from ..joining import joined
 from ..splats import Splats
 from .encoding import sh_from_color
 
@@ -70,8 +71,6 @@ def read(path: str | os.PathLike[str]) -> Splats:
     found = sum(map(len, parts))
     if found != splats:
         raise InputError(f"{path} is damaged: its header counts {splats:,} splats, its sections hold {found:,}")
-    from ..joining import joined
-
     return joined(parts)
 
 

@@ -7,12 +7,14 @@ from pathlib import Path
 
 from ...base.choices import check_lod
 from ...base.errors import InputError
-from ..splats import Splats
 from . import lcc, sog, streamed
-from .folders import meant, trained_in
+from .folders import trained_in
 
 SUFFIXES = (".ply", ".splat", ".ksplat", ".spz", ".sog")
 """Suffixes that distinguish the tiles in a folder from its other files."""
+
+METAS = sog.META, streamed.META, f"meta{lcc.SUFFIX}"
+"""Names that many captures share, so that their folders name them."""
 
 _LEVEL = re.compile(r"^(\d+)_\d+$|(?<![a-z])lod[ _.-]?(\d+)", re.IGNORECASE)
 """The level in the name of a tile, as streamed SOGs and their tools have it: 0_3, lod1_0, robot.lod3.sog."""
@@ -45,14 +47,13 @@ class Parts:
         return (*described, *self.tiles, *self.beside, *surroundings)
 
 
-def parts_of(path: str | os.PathLike[str], lod: int | str = "auto", read: dict[Path, Splats] | None = None) -> Parts:
+def parts_of(path: str | os.PathLike[str], lod: int | str = "auto") -> Parts:
     """Find the files that a splat path stands for.
 
     path: a splat file, a lod-meta.json, or a folder: of a streamed SOG, of an unbundled SOG, of an LCC scene, the
-    output of INRIA's trainer, or of tiles, which are its splat files and unbundled SOGs in the order of their names. Of
-    files in the same place one counts, see `folders`. lod: level of a streamed SOG or an LCC scene. read: takes files
-    that had to be read to tell what a folder means: path to Splats. Raises InputError when there is nothing, when a
-    tile that is named is missing, or when `lod` has no meaning here.
+    output of INRIA's trainer, of which the last iteration counts, or of tiles, which are its splat files and unbundled
+    SOGs in the order of their names. lod: level of a streamed SOG or an LCC scene. Raises InputError when there is
+    nothing, when a tile that is named is missing, or when `lod` has no meaning here.
     """
     path = Path(path)
     lod = check_lod(lod)
@@ -72,8 +73,13 @@ def parts_of(path: str | os.PathLike[str], lod: int | str = "auto", read: dict[P
         raise InputError(f"`lod` {lod}: {path} has no levels of detail, which a streamed SOG or an LCC scene has")
     if not path.is_dir() or (path / sog.META).is_file():
         return Parts((path,), (None,))
-    tiles, note = meant(path, trained_in(path) or _tiles_in(path), read)
-    return Parts(tiles, (None,) * len(tiles), note=note)
+    trained = trained_in(path)
+    if trained:
+        newest = trained[-1]
+        note = f"{path} holds {len(trained)} checkpoints of one training: took the newest, {newest.relative_to(path)}"
+        return Parts((newest,), (None,), note=note if len(trained) > 1 else "")
+    tiles = _tiles_in(path)
+    return Parts(tiles, (None,) * len(tiles))
 
 
 def _lcc_in(path: Path) -> Path | None:

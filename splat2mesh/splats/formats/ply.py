@@ -182,21 +182,6 @@ def _plain_numbers(line: str) -> str:
     return _ODD_INFINITY.sub(r"\1inf", _ODD_NAN.sub("nan", line))
 
 
-def some_rows(rows: NDArray[Any], starts: list[int], size: int) -> list[NDArray[Any]]:
-    """Take runs of the rows of a Ply; mapped ones are read from their file, as `blocks` does.
-
-    starts: of the runs. size: rows of each, at most.
-    """
-    if not isinstance(rows, np.memmap):
-        return [rows[start : start + size] for start in starts]
-    runs = []
-    with open(str(rows.filename), "rb") as file:
-        for start in starts:
-            file.seek(rows.offset + start * rows.dtype.itemsize)
-            runs.append(np.fromfile(file, rows.dtype, min(size, len(rows) - start)))
-    return runs
-
-
 def blocks(rows: NDArray[Any], size: int) -> Iterator[tuple[int, NDArray[Any]]]:
     """Go through the rows of a Ply, at most `size` at a time.
 

@@ -12,6 +12,7 @@ from ...base.inputs import check_special, quiet_numbers, reading
 from ..joining import joined
 from ..splats import Splats
 from . import lcc, streamed
+from .folders import check_tiles
 from .parts import description_of, parts_of
 from .register import kind_of_file, reader_of
 
@@ -20,29 +21,30 @@ def read_splats(path: str | os.PathLike[str], lod: int | str = "auto") -> Splats
     """Read any supported splat, of the formats in `register.FORMATS`, or many tiles.
 
     path: a file; for SOG also the folder that holds meta.json, or that meta.json; the lod-meta.json of a streamed SOG,
-    or its folder; a folder of splat files, which are joined in the order of their names, unless they are the same thing
-    (see `parts.parts_of`). lod: level of a streamed SOG or an LCC scene, 0 being the finest, or "auto", the finest of
-    at most `streamed.SPLAT_BUDGET` splats. Returns Splats in the frame of an INRIA PLY, not yet cleaned: rows may hold
-    NaN, or be invisible. Rows stand in the order of the tiles; the environment of a streamed SOG comes last and is
-    marked so. Raises InputError when a file is missing, empty, cut short, or of another kind: no tile is skipped. Warns
-    with a DataWarning when "auto" passes over a finer level, where one file is taken of several, and about what is left
-    out.
+    or its folder; a folder of splat files, which are joined in the order of their names (see `parts.parts_of`). lod:
+    level of a streamed SOG or an LCC scene, 0 being the finest, or "auto", the finest of at most
+    `streamed.SPLAT_BUDGET` splats. Returns Splats in the frame of an INRIA PLY, not yet cleaned: rows may hold NaN, or
+    be invisible. Rows stand in the order of the tiles; the environment of a streamed SOG comes last and is marked so.
+    Raises InputError when a file is missing, empty, cut short, or of another kind, and when two lie in the same place:
+    no tile is skipped. Warns with a DataWarning when "auto" passes over a finer level, where one checkpoint is taken of
+    several, and about what is left out.
     """
     path = Path(path)
     check_special(path)
     with reading(path):
         # Values beyond float32 become infinite or NaN here, and `clean` drops and counts them.
         with quiet_numbers():
-            known: dict[Path, Splats] = {}
-            found, splats = parts_of(path, lod, known), []
+            found, splats = parts_of(path, lod), []
             if lod == "auto" and found.level:
                 _say_coarser(path, found.level, found.level_counts)
             if found.note:
                 warnings.warn(found.note, DataWarning, stacklevel=2)
             for tile, count in zip(found.tiles, found.counts, strict=True):
-                splats.append(known.pop(tile) if tile in known else _read(tile, found.level))
+                splats.append(_read(tile, found.level))
                 if count is not None and found.described_by is not None:
                     streamed.check_count(tile, len(splats[-1]), count, found.described_by)
+            if len(splats) > 1 and found.described_by is None:
+                check_tiles(path, dict(zip(found.tiles, splats, strict=True)))
             if found.environment is not None:
                 far = reader_of(kind_of_file(found.environment))(found.environment)
                 splats.append(replace(far, environment=np.ones(len(far), bool)))

@@ -27,9 +27,7 @@ class Format:
 
     kind: its name here; of one that is written also the suffix. title: for messages and documents. suffixes: by which
     it is recognised where its content has no mark. read: takes a path. write: takes a path and Splats. instead: where
-    it is not read or not written: why not, and what to do. exactness: rank among files of the same splats, of which the
-    lowest is read. tag: where the file says that its splats were trained for an anti-aliasing rasteriser. frame: its
-    axes.
+    it is not read or not written: why not, and what to do. frame: its axes.
     """
 
     kind: str
@@ -38,8 +36,6 @@ class Format:
     read: Callable[[Path], Splats] | None
     write: SplatWriter | None = None
     instead: str = ""
-    exactness: int = 9
-    tag: str = ""
     frame: str = "as the trainer had it, usually y down"
 
 
@@ -59,7 +55,6 @@ def _read_sog(path: Path) -> Splats:
     return sog.read_bundle(path) if bundled else sog.read_folder(path.parent, path.name)
 
 
-_PLY_TAG = "comment SplatRenderMode: mip"
 _NOT_WRITTEN = "not written: .ply and .spz are read by the same programs"
 
 FORMATS = (
@@ -69,8 +64,6 @@ FORMATS = (
         suffixes=(".ply",),
         read=_read_ply,
         write=inria.write_inria_ply,
-        exactness=0,
-        tag=_PLY_TAG,
     ),
     Format(
         kind="spz",
@@ -78,8 +71,6 @@ FORMATS = (
         suffixes=(".spz",),
         read=spz.read,
         write=spz_writing.write,
-        exactness=3,
-        tag="bit 0 of the flags",
         frame="y up, or by a record",
     ),
     Format(
@@ -88,8 +79,6 @@ FORMATS = (
         suffixes=(".compressed.ply",),
         read=_read_compressed,
         write=compressed_ply.write,
-        exactness=4,
-        tag=_PLY_TAG,
     ),
     Format(
         kind="sog",
@@ -97,8 +86,6 @@ FORMATS = (
         suffixes=(".sog",),
         read=_read_sog,
         write=sog_writing.write,
-        exactness=5,
-        tag="`model` in meta.json",
     ),
     Format(
         kind="splat",
@@ -106,7 +93,6 @@ FORMATS = (
         suffixes=(".splat",),
         read=dotsplat.read,
         instead=_NOT_WRITTEN,
-        exactness=6,
     ),
     Format(
         kind="ksplat",
@@ -114,7 +100,6 @@ FORMATS = (
         suffixes=(".ksplat",),
         read=ksplat.read,
         instead=_NOT_WRITTEN,
-        exactness=7,
     ),
     Format(
         kind="glb",
@@ -122,7 +107,6 @@ FORMATS = (
         suffixes=gltf.SUFFIXES,
         read=gltf.read,
         instead="written by relight: --format splat-glb",
-        exactness=1,
         frame="y up",
     ),
     Format(
@@ -131,7 +115,6 @@ FORMATS = (
         suffixes=usd.SUFFIXES,
         read=usd.read,
         instead="written by relight: --format usd",
-        exactness=2,
         frame="y or z up, by upAxis",
     ),
     Format(
@@ -140,7 +123,6 @@ FORMATS = (
         suffixes=(lcc.SUFFIX,),
         read=lcc.read,
         instead=_NOT_WRITTEN,
-        exactness=8,
         frame="z up",
     ),
     Format(

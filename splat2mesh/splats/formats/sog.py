@@ -17,6 +17,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL.WebPImagePlugin import WebPImageFile
 
 from ...base.errors import InputError
 from ...base.inputs import LARGEST_JSON, check_count, file_size, inside, loads
@@ -138,8 +139,6 @@ class _Images:
 
 def _pixels(data: bytes) -> NDArray[np.uint8]:
     """(H, W, 4) uint8 of a WebP image, unchanged where alpha is 0. Raises the errors that Pillow does."""
-    from PIL.WebPImagePlugin import WebPImageFile
-
     # The class, not Image.open, which warns of images that are large but expected here: `image` has checked the size.
     with WebPImageFile(io.BytesIO(data)) as image:
         if getattr(image, "n_frames", 1) != 1:

@@ -14,6 +14,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from ...base.errors import DataWarning
 from ...base.outputs import staged_file
@@ -118,8 +119,6 @@ def _coded(values: NDArray[np.float64]) -> tuple[list[float], NDArray[np.uint8]]
 
 def _webp(values: NDArray[Any]) -> bytes:
     """(N, 3 or 4) integers to 255 as an image without loss, a row of pixels after the other; the rest is black."""
-    from PIL import Image
-
     width = 4 * math.ceil(math.sqrt(len(values)) / 4)
     image = np.zeros((4 * math.ceil(len(values) / width / 4) * width, 4), np.uint8)
     image[:, 3] = 255

@@ -20,7 +20,7 @@ from ..facts import FileFacts
 from ..joining import joined
 from ..placing import placed, similarity
 from ..splats import DEGREE_OF_COEFFICIENTS, Splats
-from .encoding import warn_beyond
+from .encoding import sh_from_color, warn_beyond
 
 SUFFIXES = ".usd", ".usda", ".usdc", ".usdz"
 MARKS = b"#usda", b"PXR-USDC"
@@ -109,8 +109,6 @@ def _harmonics(path: str | os.PathLike[str], prim: Any, find: Any, n: int) -> ND
         color = find("primvars:displayColor", 3)
         if color is None or len(color) not in (1, n):
             raise InputError(f"{path}: {prim.GetPath()} has no colours: expected radiance:sphericalHarmonics")
-        from .encoding import sh_from_color
-
         return np.broadcast_to(sh_from_color(color), (n, 3))[:, None]
     degree = prim.GetAttribute("radiance:sphericalHarmonicsDegree").Get()
     k = (int(degree or 0) + 1) ** 2

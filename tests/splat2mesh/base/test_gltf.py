@@ -1,4 +1,4 @@
-"""glTF, out and in: what `Glb` and `proxy_glb` write is read; strips, fans, transforms and sparse arrays by hand."""
+"""glTF, out and in: what `Glb` writes is read; strips, fans, transforms and sparse arrays by hand."""
 
 import numpy as np
 import pytest
@@ -8,10 +8,10 @@ from scipy.spatial.transform import Rotation
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.gltf import FAN, STRIP, TRIANGLES, GltfData, entry, triangles
 from splat2mesh.base.gltfnodes import matrix_from_trs
+from splat2mesh.proxy import bodies_glb
 from splat2mesh.scene.color import linear_from_srgb
 from splat2mesh.scene.glb import Glb
 from splat2mesh.scene.gltfmesh import read_gltf
-from splat2mesh.scene.proxy_glb import proxy_glb
 
 POINTS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], np.float32)
 FACES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
@@ -37,7 +37,7 @@ def test_what_glb_writes_is_read(tmp_path, wide):
 
 def test_every_proxy_is_read_where_it_stands(tmp_path):
     bodies = [(POINTS, FACES), (POINTS + np.float32(5.0), FACES[:2])]
-    (tmp_path / "a.glb").write_bytes(proxy_glb(bodies, "-convcolonly"))
+    (tmp_path / "a.glb").write_bytes(bodies_glb(bodies, "-convcolonly"))
     found = read_gltf(tmp_path / "a.glb")
     expected = np.concatenate([points[faces] for points, faces in bodies])
     np.testing.assert_array_equal(found.points[found.faces], expected)

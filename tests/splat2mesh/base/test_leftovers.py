@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from splat2mesh.base import leftovers, renaming
+from splat2mesh.base import leftovers
 from splat2mesh.base.console import EXIT_INTERRUPTED
 from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.base.interrupts import Interrupted, shielded, stopping_in_order
@@ -100,7 +100,7 @@ def test_an_output_that_appears_while_the_work_runs_is_spared(tmp_path):
 
 
 def crashed(folder, *, new, old, target):
-    """What a run leaves that was killed between the two renames of a system that cannot swap."""
+    """What a run leaves that was killed between its two renames."""
     workspace = leftovers.workspace_of(folder / "out")
     workspace.mkdir()
     (workspace / "name").write_text("out")
@@ -140,14 +140,11 @@ def test_a_folder_of_somebody_else_is_let_alone(tmp_path):
     assert names(tmp_path) == [".a.unfinished", ".b.unfinished"]
 
 
-@pytest.mark.parametrize("swaps", [True, False])
 @pytest.mark.parametrize(
     "fault", [OSError(28, "No space left on device"), OSError(5, "Input/output error"), Interrupted]
 )
-def test_a_fault_at_any_operation_loses_nothing(tmp_path, monkeypatch, fault, swaps):
+def test_a_fault_at_any_operation_loses_nothing(tmp_path, monkeypatch, fault):
     """Every call of the system that `outputs` makes fails in turn; after the next run all is in order."""
-    if not swaps:
-        monkeypatch.setattr(renaming, "_call", lambda: None)
     done = False
     for number in range(200):
         folder = tmp_path / str(number)

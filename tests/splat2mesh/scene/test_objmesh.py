@@ -1,9 +1,9 @@
-"""OBJ and OFF by hand: weights, colours, counting from the end, lines that go on, materials."""
+"""OBJ by hand: weights, colours, counting from the end, lines that go on, materials."""
 
 import pytest
 
-from splat2mesh.base.errors import DataWarning, InputError
-from splat2mesh.scene.objmesh import read_obj, read_off
+from splat2mesh.base.errors import InputError
+from splat2mesh.scene.objmesh import read_obj
 
 SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
 
@@ -43,18 +43,6 @@ def test_a_vertex_with_two_normals_is_two(tmp_path):
     assert found.faces.tolist() == [[0, 1, 2], [3, 2, 4]]
 
 
-def test_materials_stand_in_the_order_of_their_library(tmp_path):
-    """Blue is used first, red comes first in the library: its faces come first."""
-    (tmp_path / "a.mtl").write_text("newmtl red\nnewmtl blue\n")
-    text = "mtllib a.mtl\n" + SQUARE + "usemtl blue\nf 1 2 3\nusemtl red\nf 1 3 4\n"
-    found = read_obj(stored(tmp_path, text))
-    assert found.points[found.faces][:, 1].tolist() == [[1, 1, 0], [1, 0, 0]]
-    (tmp_path / "a.mtl").unlink()
-    with pytest.warns(DataWarning, match=r"a\.mtl \(no such file"):
-        found = read_obj(tmp_path / "a.obj")
-    assert found.points[found.faces][:, 1].tolist() == [[1, 0, 0], [1, 1, 0]]
-
-
 @pytest.mark.parametrize("line", ["v 1 2", "v 1 2 3 4 5", "f 1 2 0", "f 1 2 x", "f 1/2/3/4 2 3", "f 1 2 -5", "v a b c"])
 def test_lines_that_make_no_sense_are_refused(tmp_path, line):
     with pytest.raises(InputError, match=r"a\.obj: (line 5 makes no sense|a 'v' line holds)"):
@@ -68,24 +56,3 @@ def test_corners_that_name_nothing_are_refused(tmp_path, face):
         text = text.replace("/1", "/2")
     with pytest.raises(InputError, match="names a vertex beyond the 4"):
         read_obj(stored(tmp_path, text))
-
-
-def test_off_with_colours_and_normals(tmp_path):
-    rows = "0 0 0 0 0 1 255 0 51 255\n1 0 0 0 0 1 0 0 0 255\n0 1 0 0 0 1 0 255 0 255\n"
-    found = read_off(stored(tmp_path, "CNOFF # made here\n3 1 0\n" + rows + "3 0 1 2\n", "a.off"))
-    assert found.points.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0]] and found.faces.tolist() == [[0, 1, 2]]
-    assert found.normals.tolist() == [[0, 0, 1]] * 3
-    assert found.colors.tolist() == [[1, 0, 0.2], [0, 0, 0], [0, 1, 0]]
-
-
-def test_off_counts_on_the_first_line_and_a_polygon(tmp_path):
-    found = read_off(stored(tmp_path, "OFF 4 2 0\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n4 0 1 2 3\n3 0 1 2\n", "a.off"))
-    assert found.faces.tolist() == [[0, 1, 2], [0, 2, 3], [0, 1, 2]]
-    with pytest.warns(DataWarning, match="left out 1 of 1"):
-        assert len(read_off(stored(tmp_path, "OFF 1 1 0\n0 0 0\n1 0\n", "b.off")).faces) == 0
-
-
-@pytest.mark.parametrize("text", ["OFF\n4 1 0\n0 0 0\n", "OFF\n-1 1 0\n", "OFF\n1 1 0\n0 0 0\n3 0 0\n"])
-def test_off_files_that_promise_more_than_they_hold_are_refused(tmp_path, text):
-    with pytest.raises(InputError, match=r"cut short|a face of 3 corners names 2"):
-        read_off(stored(tmp_path, text, "a.off"))

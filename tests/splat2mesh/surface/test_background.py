@@ -9,8 +9,8 @@ from scipy.spatial import cKDTree
 
 from scenes.cameras import FLIP
 from splat2mesh import convert
+from splat2mesh.api import plan_mesh as plan
 from splat2mesh.base.errors import DataWarning, InputError
-from splat2mesh.pipeline import plan
 from splat2mesh.splats.formats import write_inria_ply
 from splat2mesh.splats.splats import Splats
 from splat2mesh.surface.background import BACKGROUND, EYES, SOLID, far_background, views_from_within

@@ -8,10 +8,9 @@ import pytest
 from ball_splats import solid_ball
 from bush import GREEN, GREY, bush_mesh, bush_scene, bush_splats
 
+from splat2mesh.api import convert
 from splat2mesh.base.errors import DataWarning, InputError
-from splat2mesh.layout import convert_layout
 from splat2mesh.options import ConvertOptions
-from splat2mesh.pipeline import convert
 from splat2mesh.scene.drawn import Drawn
 from splat2mesh.scene.leaves import leaf_faces
 from splat2mesh.scene.meshfile import read_mesh
@@ -177,8 +176,8 @@ def test_a_layout_places_hulls_and_cards_with_their_objects(tmp_path, monkeypatc
         scene.settings = scene.settings | dict.fromkeys(("vertices", "up", "cameras", "lod", "up_from"))
         return scene
 
-    monkeypatch.setattr("splat2mesh.layout.convert", made)
-    scene = convert_layout(tmp_path / "two.json", foliage="cards")
+    monkeypatch.setattr("splat2mesh.layout.converted", made)
+    scene = convert(tmp_path / "two.json", foliage="cards")
     alone = made(None, ConvertOptions(foliage="cards"), stages=None)
     assert len(scene.hull) == 2 * len(alone.hull) and len(scene.cards) == 2 * len(alone.cards)
     assert all((scene.chunks[number].colors_srgb == GREEN).all() for number in scene.hull)
