@@ -142,12 +142,7 @@ class Precomputed(KeptBounces):
             visibility = self._seen(settings)
             rays = visibility.rays
             with self._stages.stage("transfer"):
-                if method == "neural":
-                    from .neural import from_visibility
-
-                    transfer = from_visibility(visibility, bands)[0]
-                else:
-                    transfer = visibility.transfer(bands)
+                transfer = visibility.transfer(bands)
             if settings.volume:
                 with self._stages.stage("volume"):
                     transfer = self._volumes.mixed(transfer, settings.volume, self.receivers.traced)

@@ -90,7 +90,7 @@ def test_harmonics_are_exact_at_the_poles(dtype, tolerance):
 NO_NORMALS = [[0, 0, 0], [1e-40, 0, 0], [0, -1e-45, 0], [np.nan, 0, 1], [np.inf, 0, 0], [-np.inf, np.nan, 0]]
 
 
-@pytest.mark.parametrize("method", ["auto", "raytraced", "analytic", "blinn-phong"])
+@pytest.mark.parametrize("method", ["auto", "raytraced", "analytic"])
 def test_missing_normals_are_those_of_the_faces_around(method):
     vertices, normals, faces = knobbed_torus()
     known, broken = normals.copy(), normals.copy()
@@ -103,7 +103,7 @@ def test_missing_normals_are_those_of_the_faces_around(method):
     np.testing.assert_array_equal(found, expected)
 
 
-@pytest.mark.parametrize("method", ["auto", "raytraced", "analytic", "blinn-phong"])
+@pytest.mark.parametrize("method", ["auto", "raytraced", "analytic"])
 def test_vertices_without_normal_and_faces_are_counted_once_and_lit_as_if_they_faced_up(method):
     vertices, normals, faces = knobbed_torus()
     vertices = np.concatenate([vertices, vertices[:6] * 1.2])
