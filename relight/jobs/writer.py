@@ -103,7 +103,7 @@ class Writer:
             nonlocal shading
             poses = animation.at(time_s)
             if time_s > 0.0:
-                job.relighter.update_all({chunk: poses[chunk] for chunk in animation.moving}, 1.0 / fps)
+                job.relighter.update_all({chunk: poses[chunk] for chunk in animation.moving})
             shading = job.relighter.shading(light, albedo)
             return shading.radiance
 
