@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from motors import taken_apart
 
 from relight.sh import cga
 from relight.transfer.analytic import analytic
@@ -149,9 +150,9 @@ def test_a_turned_mesh_is_labelled_like_the_mesh_turned(gash):
     (batch,) = gash._round("motor", [example] * 8, np.random.default_rng(4))
     motors, rows = (tensor.numpy() for tensor in batch)
     assert motors.shape == (gash.BATCH, 32) and rows.shape == (gash.BATCH, 27)
-    turned = cga.apply(motors, cga.plane([0.0, 1.0, 0.0]))[:, cga.EUCLIDEAN]
+    turn, places = taken_apart(motors)
+    turned = turn.apply([0.0, 1.0, 0.0])
     np.testing.assert_allclose(rows, as_rgb(analytic(turned, 3)), atol=1e-5)
-    places = cga.move(motors, np.zeros(3))
     assert np.linalg.norm(places, axis=1).max() <= 1.0 + 1e-6
     # Off the ring's axis by the tube's radius along the normal: still the same solid, however it is turned.
     core = places - 0.02 / 0.32 * turned * np.linalg.norm(places, axis=1).max()
