@@ -10,7 +10,7 @@ from splat2mesh.base.progress import Stages
 
 from ..transfer.apply import BlockTransfer
 from ..transfer.split_light import split_light
-from ..transfer.sunlight import sunlight, sunlight_at
+from ..transfer.sunlight import sunlight
 
 if TYPE_CHECKING:
     from ..light.environment import Environment
@@ -18,10 +18,6 @@ if TYPE_CHECKING:
     from ..transfer.precomputed import Precomputed
     from ..transfer.settings import Settings
     from ..transfer.store import Cache
-
-SPARING_FROM = 6e-4
-"""Error that suns may leave above which some rays to them are spared: at least that of a tolerance of 1%, of which
-sparing takes .0025 at most (two gardens of leaves and an object)."""
 
 
 class DirectLight:
@@ -50,7 +46,7 @@ class DirectLight:
 
     def by_suns(self, suns: "Suns", settings: "Settings", rows: Indices | None = None) -> NDArray[np.float32] | None:
         """(V, 3) float32 of suns. Where no shadows are wanted they are harmonics: a cosine needs no more. Given `rows`,
-        (N,) vertices, others may be left out, and every ray is traced."""
+        (N,) vertices, others may be left out."""
         if not len(suns):
             return None
         light = self._on_surfaces(suns, settings, rows)
@@ -62,17 +58,14 @@ class DirectLight:
     def _on_surfaces(self, suns: "Suns", settings: "Settings", rows: Indices | None) -> NDArray[np.float32]:
         occluder, count = self._precomputed.occluder, int(self._precomputed.sizes.sum())
         receivers = self._precomputed.receivers
-        if rows is not None and settings.shadowed is None and receivers.all:
-            light = np.zeros((count, 3), np.float32)
-            with self._stages.stage("sunlight", len(rows)) as advance:
-                light[rows] = sunlight(occluder, rows, suns, advance)
-            return light
+        light = np.zeros((count, 3), np.float32)
         if settings.shadowed is None:
-            with self._stages.stage("sunlight", len(receivers.rows)) as advance:
-                return sunlight_at(occluder, receivers, suns, advance, settings.sun_tolerance >= SPARING_FROM)
+            traced = receivers.rows if rows is None or not receivers.all else rows
+            with self._stages.stage("sunlight", len(traced)) as advance:
+                light[traced] = sunlight(occluder, traced, suns, advance)
+            return light if receivers.all else receivers.filled(light)
         transfer, bands = self._precomputed.transfer(settings)[0], settings.bands
         shadowed = np.repeat(settings.shadowed, self._precomputed.sizes)
-        light = np.zeros((count, 3), np.float32)
         light[~shadowed] = transfer[~shadowed, : bands**2] @ suns.sh(bands).astype(np.float32)
         with self._stages.stage("sunlight", int(shadowed.sum())) as advance:
             light[shadowed] = sunlight(occluder, np.flatnonzero(shadowed), suns, advance)
