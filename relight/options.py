@@ -10,7 +10,7 @@ from splat2mesh.base.choices import check_choice, check_seed
 from splat2mesh.base.errors import InputError
 
 from .light import ANEW, CAPTURED_SKIES, SUN_TOLERANCE
-from .transfer import DEFAULT_BANDS, DEFAULT_RAYS, GASH_BANDS, METHODS, NEURAL_RAYS, SHADOWING, check_rays
+from .transfer import DEFAULT_BANDS, DEFAULT_RAYS, GASH_BANDS, METHODS, check_rays
 from .transfer.settings import (
     BOUNCE_RAYS,
     BOUNCE_TOLERANCE,
@@ -42,9 +42,8 @@ LampKey: TypeAlias = int | tuple[float, float, float]
 class LightingOptions:
     """How to light a scene. A given value is not planned.
 
-    method: "raytraced"; "neural" (a network mixes what few rays saw); "neural-gash" (the paper's network: position and
-        normal, three bands, no shadows but guessed ones); "analytic" (no shadows); "blinn-phong" (lamps without
-        shadows, the baseline); "auto": raytraced, or analytic where no effects are wanted or needed.
+    method: "raytraced"; "neural-gash" (the paper's network: position and normal, three bands, shadows guessed);
+        "analytic" (no shadows); "auto": raytraced, or analytic where no effects are wanted or needed.
     bands, rays, seed: SH bands 1..10; rays per vertex; seed of their directions.
     effects: "auto", "none", or some of shadows, sun, bounces, volume, gloss, as names or as text with commas; kept as
         "auto" or a frozenset. With "auto", light bounces if there is an albedo: in an all-white scene it would never
@@ -189,9 +188,9 @@ class LightingOptions:
         if method == "auto":
             method = "raytraced" if effects else "analytic"
         bands = DEFAULT_BANDS if self.bands is None else self.bands
-        if method not in SHADOWING:
+        if method != "raytraced":
             return Settings(method, min(bands, GASH_BANDS) if method == "neural-gash" else bands)
-        rays = self.rays or (NEURAL_RAYS if method == "neural" else DEFAULT_RAYS)
+        rays = self.rays or DEFAULT_RAYS
         bouncing = (BOUNCE_RAYS, BOUNCE_TOLERANCE) if BOUNCES in effects else (0, 0.0)
         sun_tolerance = SUN_TOLERANCE if SUN in effects else 0.0
         return Settings(method, bands, rays, None, sun_tolerance, *bouncing, VOLUME_DIRECTIONS * (VOLUME in effects))
@@ -199,7 +198,7 @@ class LightingOptions:
 
 def _able(method: str) -> frozenset[str]:
     """The effects that a method can do: the others are traced among shadows, and all need rays."""
-    return frozenset(EFFECTS if method in ("auto", *SHADOWING) else ())
+    return frozenset(EFFECTS if method in ("auto", "raytraced") else ())
 
 
 def _one_of(*choices: str) -> Callable[[str, Any], Any]:
@@ -319,7 +318,7 @@ def _checked_effects(choice: str | Iterable[str], method: str) -> str | frozense
         raise InputError(f"`effects` {listed}: sun, bounces and volume need shadows too")
     if effects - _able(method) - {GLOSS}:
         raise InputError(f"`effects` {listed}: the method {method} has none; leave it at auto")
-    if method in SHADOWING and not effects - {GLOSS}:
+    if method == "raytraced" and not effects - {GLOSS}:
         raise InputError(f"`effects` none: the method {method} has shadows at least; use analytic, or leave it at auto")
     return effects
 

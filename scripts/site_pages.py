@@ -12,7 +12,7 @@ OUTSIDE = {
     "README.md": "index.md",
     "CONTRIBUTING.md": "CONTRIBUTING.md",
     "CHANGELOG.md": "CHANGELOG.md",
-    **{f"relight/models/{name}.md": f"models/{name}.md" for name in ("neural", "neural-gash")},
+    "relight/models/neural-gash.md": "models/neural-gash.md",
     **{
         path.relative_to(ROOT).as_posix(): path.relative_to(ROOT).as_posix()
         for path in ROOT.glob("integrations/**/README.md")

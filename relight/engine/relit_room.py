@@ -16,7 +16,6 @@ from splat2mesh.base.errors import DataWarning, InputError
 from ..albedo.division import DARKEST
 from ..light.environment import Environment
 from ..rooms.room import Room
-from ..transfer import SHADOWING
 from ..transfer.bounces import with_bounces
 from ..transfer.settings import Settings
 from ..transfer.store import array_key
@@ -59,7 +58,7 @@ class RelitRoom:
         self._shut = look.room is not None and look.room.report["windows"] is None
         self.lets_in = not look.as_captured and (not self._shut or self._opened)
         method = relighter.options.method
-        if self.lets_in and method != "auto" and method not in SHADOWING:
+        if self.lets_in and method not in ("auto", "raytraced"):
             problem = f"`method` {method} knows no shadows: in a closed room its light comes through the walls"
             warnings.warn(f"{problem}; auto traces rays", DataWarning, stacklevel=3)
 

@@ -1,19 +1,17 @@
 """Candidate settings for a light on a scene: the cost and error of each, and the best of them."""
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from splat2mesh.base.arrays import Floats, Mask
-from splat2mesh.base.extras import installed
 
 from ..light import sun_split
 from ..light.environment import Environment
 from ..light.suns import Suns
 from ..options import LightingOptions
-from ..transfer import SHADOWING
 from ..transfer.settings import BOUNCES, SHADOWS, SUN, VOLUME, Settings
 from . import costs
 from .effect_errors import EffectErrors
@@ -27,8 +25,6 @@ SKIPPED = 0.35
 
 BANDS = (2, 3, 4, 5, 6, 8, 10)
 RAYS = tuple(2**power for power in range(2, 12))
-NEURAL_BANDS = (3, 4, 5)
-MOST_NEURAL_VERTICES = 300_000  # its averages of a million vertices take gigabytes
 
 SUN_PARTS, LEAST_SUN_TOLERANCE = (0.6, 0.2, 0.06), 0.001
 """Parts of the tolerance that suns may be split to. What they leave is estimated for walls that stand anywhere: a table
@@ -216,21 +212,11 @@ class Choice:
         for bands in all_bands:
             for suns_tolerance in self._sun_choices():
                 for bounce_rays in self._bounce_choices():
-                    for method in self._methods(bands, shadowed):
-                        known = costs.NEURAL_GAIN if method == "neural" and self._method is None else RAYS
-                        for rays in known if self._rays is None else (self._rays,):
-                            stop = max(LEAST_STOP, STOP_PART * min(self._tolerances)) if bounce_rays else 0.0
-                            yield self._rated(
-                                Settings(method, bands, rays, shadowed, suns_tolerance, bounce_rays, stop, leafy)
-                            )
-
-    def _methods(self, bands: int, shadowed: tuple[bool, ...] | None) -> Sequence[str]:
-        """Which methods to consider; the network only where it can run, was measured to gain, and fits into memory."""
-        if self._method is not None:
-            return (self._method,)
-        small = self.measured.sample.sizes.sum() <= MOST_NEURAL_VERTICES
-        gains = bands in NEURAL_BANDS and shadowed is None and self._rays is None and small
-        return SHADOWING if gains and installed("onnxruntime") else SHADOWING[:1]
+                    for rays in RAYS if self._rays is None else (self._rays,):
+                        stop = max(LEAST_STOP, STOP_PART * min(self._tolerances)) if bounce_rays else 0.0
+                        yield self._rated(
+                            Settings("raytraced", bands, rays, shadowed, suns_tolerance, bounce_rays, stop, leafy)
+                        )
 
     def _analytic(self) -> Iterator[Settings]:
         """Settings without rays, where none are requested."""
@@ -314,7 +300,7 @@ class Choice:
         return self.measured.truncation(settings.bands, **self.rest(settings))
 
     def _noise(self, settings: Settings) -> float:
-        deviation = costs.noise(settings.rays, settings.bands, settings.method)
+        deviation = costs.noise(settings.rays, settings.bands)
         return self.measured.ray_noise(deviation, settings.bands, **self.rest(settings))
 
     def rest(self, settings: Settings) -> dict[str, Any]:

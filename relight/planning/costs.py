@@ -25,7 +25,6 @@ SUN_RAY = 0.6  # per sun: half of them stand before a vertex
 FIRST_HIT = 1.2  # per bounce ray: its hit, and its entry in the matrix
 BOUNCE = 0.02  # per bounce ray and bounce
 FOLLOWED = 4  # bounces
-NETWORK_VERTEX, NETWORK_COEFFICIENT = 12.0, 0.5  # of the method "neural" over averaging
 
 SUNS_AT = 30, 0.01
 """Suns to expect before they are found: so many for this tolerance, as its inverse square root."""
@@ -39,9 +38,6 @@ corner with .33 has two thirds), times what that leaves of it on a patio and in 
 PREDICTED = 1.06
 """Noise where neighbours predict some of the rays over that where all are traced, after averaging: 1.00 to 1.09 in
 3 and 8 bands on a room, two gardens and an object (`scripts/bench rays --spare`)."""
-
-NEURAL_GAIN = {32: 0.88, 64: 0.84}
-"""Noise of the method "neural" over that of averaging, in 3 bands (docs/networks.md); it is not planned beyond 5."""
 
 
 def expected_suns(tolerance: float) -> float:
@@ -77,8 +73,6 @@ def seconds(
             shot = RAY * (unsure if consensus.worth(settings.rays, shadowed_vertices) else 1.0)
             once += rays * (shot + DIRECTION + RAY_COEFFICIENT * coefficients)
             once += (VERTEX + COEFFICIENT * coefficients) * vertices
-        if settings.method == "neural":
-            once += (NETWORK_VERTEX + NETWORK_COEFFICIENT * coefficients) * vertices
     if settings.sun_tolerance:
         once += SPLIT
     if not there[1]:
@@ -88,7 +82,7 @@ def seconds(
     return once * ray_s, each * ray_s
 
 
-def noise(rays: int, bands: int, method: str = "raytraced") -> float:
+def noise(rays: int, bands: int) -> float:
     """Standard deviation of one coefficient for a vertex that sees half of the sky in patches: times sqrt(f (1 - f)).
 
     The law of `filtering` for single vertices, and what averaging over neighbours leaves of it, which was fitted to
@@ -96,4 +90,4 @@ def noise(rays: int, bands: int, method: str = "raytraced") -> float:
     """
     left = min(max(0.19 * rays**0.31 * (3.0 / bands) ** 0.17, 0.38), 1.0) if steps_for(rays, bands) else 1.0
     left *= PREDICTED if consensus.worth(rays, consensus.LEAST_VERTICES) else 1.0
-    return math.sqrt(NOISE * rays**NOISE_POWER) * left * NEURAL_GAIN.get(rays, 1.0) ** (method == "neural")
+    return math.sqrt(NOISE * rays**NOISE_POWER) * left

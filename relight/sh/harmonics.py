@@ -89,16 +89,6 @@ def rotation_matrix(rotation: Floats, bands: int) -> NDArray[np.float64]:
     return np.where(degree[:, None] == degree, matrix, 0.0)
 
 
-def rotate(coefficients: Coefficients, rotation: Floats) -> NDArray[np.float64]:
-    """Turn SH coefficients by an active rotation about any axis.
-
-    coefficients: (K,) or (..., K, C), coefficients of a function on the sphere, such as radiance. rotation: (3, 3),
-    proper rotation, `dst_from_src`. Returns those of the turned function. Raises InputError for another number of
-    coefficients, and for a matrix that is no rotation.
-    """
-    return rotation_matrix(rotation, bands_of(coefficients)) @ coefficients
-
-
 def lambert_coefficients(bands: int) -> NDArray[np.float64]:
     """Return Lambert's lobe, the clamped cosine, in zonal harmonics.
 

@@ -7,10 +7,7 @@ a constant sky of radiance 1 an unoccluded vertex gives exactly 1. This module i
 
 from splat2mesh.base.errors import InputError
 
-METHODS = ("auto", "raytraced", "neural", "neural-gash", "analytic", "blinn-phong")
-
-SHADOWING = ("raytraced", "neural")
-"""Methods that trace rays, and so know shadows."""
+METHODS = ("auto", "raytraced", "neural-gash", "analytic")
 
 DEFAULT_BANDS = 8
 DEFAULT_RAYS = 128
@@ -19,9 +16,6 @@ rays are at .1 to .7% for nearly twice the time, 5 bands and 64 rays at .3 to 1.
 
 GASH_BANDS = 3
 """Bands of the method "neural-gash", at most: the paper's network has no more."""
-
-NEURAL_RAYS = 32
-"""Rays per vertex of the method "neural", where it gains most over rays alone (docs/networks.md)."""
 
 MAX_RAYS = 2**16
 """Rays per vertex beyond which float32 sums, not the rays, limit the accuracy."""

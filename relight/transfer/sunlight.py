@@ -10,11 +10,8 @@ from splat2mesh.base.progress import Advance
 from splat2mesh.base.threads import in_slices
 
 from ..light.suns import Suns
-from . import sun_consensus
-from .consensus import OPEN
-from .neighbors import along_curve, ranked_nodes
+from .neighbors import along_curve
 from .occluder import Occluder
-from .receivers import Receivers
 
 BATCH_RAYS = 2**20
 """Rays in memory at once, at most: 24 MiB."""
@@ -25,21 +22,17 @@ def sunlight(
     rows: slice | Indices,  # slice or (V,) indices into the occluder's vertices
     suns: Suns,
     advance: Advance = lambda count: None,  # called with the number of vertices done
-    sparing: bool = False,  # leave out rays on whose outcome neighbours agree, see `sun_consensus`
 ) -> NDArray[np.float32]:
     """Exit radiance of white vertices under suns alone: (V, 3) float32, sum of weight / pi max(0, n d) visible.
 
     Exact up to float32: a ray is traced wherever n d > 0; surfaces that face away take none. Rays begin at the
     occluder's origins, off the surface. A vertex's own faces count like any others: they hide a sun that the
     vertex normal sees and a face that rises above the normal's plane does not, as in `raytraced`.
-    A vertex's row depends on its position, its normal, the suns in their order and the occluder alone, except where
-    rays are spared: its sum runs over the suns as they stand, in float64. Raises InputError for directions that are
-    not unit vectors.
+    A vertex's row depends on its position, its normal, the suns in their order and the occluder alone: its sum runs
+    over the suns as they stand, in float64. Raises InputError for directions that are not unit vectors.
     """
     origins, normals = occluder.origins[rows], occluder.normals[rows]
     directions, weights = shining(suns)
-    if sparing and sun_consensus.worth(len(directions), len(origins)):
-        return _spared(occluder, origins, normals, directions, weights, advance)
     order = along_curve(origins)
     origins, normals = origins[order], normals[order]
     ordered = np.zeros((len(origins), 3), np.float32)
@@ -60,45 +53,6 @@ def sunlight(
     radiance = np.empty_like(ordered)
     radiance[order] = ordered
     return radiance
-
-
-def _spared(
-    occluder: Occluder,
-    origins: NDArray[np.float32],
-    normals: NDArray[np.float32],
-    directions: NDArray[np.float32],
-    weights: NDArray[np.float64],
-    advance: Advance,
-) -> NDArray[np.float32]:
-    """The same with fewer rays. Vertices that agree in place and normal count as one: chunks change no bit."""
-    order, new_node, _ = ranked_nodes(origins, normals)
-    nodes, ends = order[new_node], np.append(np.flatnonzero(new_node), len(order))
-    origins, normals = origins[nodes], normals[nodes]
-    found = np.zeros((len(nodes), 3), np.float32)
-    batch = max(1, BATCH_RAYS // len(directions) // sun_consensus.BLOCK) * sun_consensus.BLOCK
-    for start in range(0, len(nodes), batch):
-        part = slice(start, start + batch)
-        met = sun_consensus.hidden_suns(occluder, origins[part], normals[part], directions)
-        in_slices(_sum_met, len(met), normals[part], directions, weights, met, found[part])
-        advance(int(ends[min(start + batch, len(nodes))] - ends[start]))
-    radiance = np.empty((len(order), 3), np.float32)
-    radiance[order] = found[np.cumsum(new_node) - 1]
-    return radiance
-
-
-def sunlight_at(
-    occluder: Occluder,
-    receivers: Receivers | None,
-    suns: Suns,
-    advance: Advance = lambda count: None,
-    sparing: bool = False,
-) -> NDArray[np.float32]:
-    """The same of all vertices, (V, 3) float32: traced at those of the Receivers, taken over by the others."""
-    if receivers is None or receivers.all:
-        return sunlight(occluder, slice(None), suns, advance, sparing)
-    light = np.zeros((len(receivers.traced), 3), np.float32)
-    light[receivers.rows] = sunlight(occluder, receivers.rows, suns, advance, sparing)
-    return receivers.filled(light)
 
 
 def shining(suns: Suns) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
@@ -172,27 +126,4 @@ def _sum(
                 red += weights[sun[ray], 0] * cosine
                 green += weights[sun[ray], 1] * cosine
                 blue += weights[sun[ray], 2] * cosine
-        radiance[v, 0], radiance[v, 1], radiance[v, 2] = red, green, blue
-
-
-@kernel
-def _sum_met(
-    begin: int,
-    end: int,
-    normals: NDArray[np.float32],
-    directions: NDArray[np.float32],
-    weights: NDArray[np.float64],
-    met: NDArray[np.uint8],
-    radiance: NDArray[np.float32],
-) -> None:
-    """The same of what is known of every vertex and sun, (N, S)."""
-    for v in range(begin, end):
-        nx, ny, nz = normals[v]
-        red, green, blue = 0.0, 0.0, 0.0
-        for s in range(len(directions)):
-            if met[v, s] == OPEN:
-                cosine = np.float64(nx * directions[s, 0] + ny * directions[s, 1] + nz * directions[s, 2])
-                red += weights[s, 0] * cosine
-                green += weights[s, 1] * cosine
-                blue += weights[s, 2] * cosine
         radiance[v, 0], radiance[v, 1], radiance[v, 2] = red, green, blue

@@ -4,6 +4,7 @@ Medians in one process, with both tasks alternating.
 """
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from benchmarks.harness import medians
 from relight.sh import cga, harmonics, rotors
@@ -20,7 +21,6 @@ def arguments(parser):
 def run(options, report):
     count, rng = options.vertices, np.random.default_rng(0)
     points, normals = rng.normal(size=(2, count, 3)).astype(np.float32)
-    unit = unit_normals(normals)
 
     def compared(table, label, work, other_label, other, repeats):
         work(), other()  # compiles, fills the caches
@@ -32,18 +32,11 @@ def run(options, report):
     write = "plain write", lambda: np.full((count, 32), 1, np.float32)
     compared(table, "vertex_motors", lambda: cga.vertex_motors(points, normals), *write, 9)
     compared(table, "  of it unit_normals", lambda: unit_normals(normals), *write, 9)
-    twin = "NumPy twin, float64", lambda: cga.motor(rotors.taking_up_to(unit), points)
-    compared(table, "vertex_motors", lambda: cga.vertex_motors(points, normals), *twin, 3)
 
     table = report.table("SH rotation of (K, 3) coefficients by one rotor", **columns)
-    rotor = rotors.normalise(rng.normal(size=4))
-    matrix = rotors.to_matrix(rotor)
+    turn = Rotation.from_rotvec(rng.normal(size=3))
+    rotor, matrix = rotors.from_axis_angle(turn.as_rotvec(), turn.magnitude()), turn.as_matrix()
     for bands in range(1, harmonics.MAX_BANDS + 1):
         light = rng.normal(size=(bands * bands, 3))
-        quadrature = "quadrature", lambda c=light: harmonics.rotate(c, matrix)
+        quadrature = "quadrature", lambda c=light, n=bands: harmonics.rotation_matrix(matrix, n) @ c
         compared(table, f"{bands} bands", lambda c=light: rotors.rotate(c, rotor), *quadrature, options.repeats)
-    few = max(count // 50, 1)
-    many = rotors.normalise(rng.normal(size=(few, 4)))
-    lights = rng.normal(size=(few, 25, 1))
-    took = medians({"all": lambda: rotors.rotate(lights, many)}, 3)["all"].wall
-    report.note(f"{few:,} rotors on (25, 1) coefficients each: {1e6 * took / few:.2f} us each")

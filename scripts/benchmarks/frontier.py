@@ -40,7 +40,6 @@ TOLERANCES = 0.05, 0.02, 0.01, 0.005
 BARE_RAYS = 16  # of each vertex, for the unit of time
 MADE_VERTICES = 12_000
 DEFAULT_SCENES = ("ball", "ball-on-plane", "tabletop", "room", "object")
-NEURAL_RAYS = 8, 16, 32
 QUICK = ["tabletop", "--env", "noon", "--bands", "3", "--rays", "8", "--suns", "0", "--bounces", "0", "--repeats", "1"]
 QUICK += ["--tolerances", "0.05", "--directions", "1024"]
 
@@ -90,7 +89,7 @@ def warm_up():
     scene, light = shape("ball-on-plane").scene, Environment.load("noon")
     albedo = np.full(scene.vertices.shape, 0.5, np.float32)
     Relighter(scene, tolerance=0.05).shade(light, albedo)
-    for method, rays in (("raytraced", 16), ("neural", 8), ("neural-gash", 0), ("analytic", 0), ("blinn-phong", 0)):
+    for method, rays in (("raytraced", 16), ("neural-gash", 0), ("analytic", 0)):
         bouncing = (8, 0.01) if method == "raytraced" else (0, 0.0)
         settings = Settings(method, 3, rays, None, 0.01 if rays else 0.0, *bouncing)
         Relighter(scene).shading(light, albedo, settings)
@@ -174,11 +173,9 @@ def measure(name, scene, albedo, lights, options, found):
 def transfers(options):
     """Settings of each transfer of the grid, without suns and bounces."""
     yield from (Settings("analytic", bands) for bands in (2, 3, 5))
-    yield from (Settings(method, 3) for method in ("blinn-phong", "neural-gash"))
+    yield Settings("neural-gash", 3)
     for bands in options.bands:
         yield from (Settings("raytraced", bands, rays) for rays in options.rays)
-        if bands <= 5:
-            yield from (Settings("neural", bands, rays) for rays in NEURAL_RAYS)
 
 
 def lit(scene, albedo, lights, splits, transfer, options):
@@ -197,7 +194,7 @@ def lit(scene, albedo, lights, splits, transfer, options):
             chosen = settings._replace(sun_tolerance=suns)
             for light, environment in lights.items():
                 key = light, settings.bands, suns
-                if key not in splits and settings.method != "blinn-phong":
+                if key not in splits:
                     splits[key] = seconds_of(lambda e=environment, c=chosen: split_light(e, c, Cache()))[0]
                 seconds, shading = seconds_of(lambda e=environment, c=chosen: relighter.shading(e, albedo, c))
                 yield light, chosen, geometry + splits.get(key, 0.0) + seconds, shading.radiance

@@ -292,7 +292,7 @@ def bad_albedo(path, array):
         (["SCENE", "--tolerance", "0"], "above 0"),
         (["SCENE", "--budget", "-1"], "above 0"),
         (["SCENE", "--budget", "1", "--tolerance", "0.1"], "expected one of them"),
-        (["SCENE", "--plan", "--method", "blinn-phong", "--albedo", "white"], "nothing to plan"),
+        (["SCENE", "--plan", "--method", "neural-gash", "--albedo", "white"], "nothing to plan"),
         (["SCENE", "--albedo", "SCENE/scene.json"], ".npy format"),
         (["SCENE", "--albedo", "short.npy"], "expected numbers of shape"),
         (["SCENE", "--albedo", "bright.npy"], "from 0 to 1"),

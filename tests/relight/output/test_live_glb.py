@@ -18,7 +18,6 @@ from relight.output.lamps_glb import PlacedLamps
 from relight.output.live_glb import KEY, SNORM, write_live_glb
 from relight.output.mesh_files import write_glb
 from relight.output.proxy import PLAYCANVAS_FROM_SPLAT, write_proxy_glb
-from splat2mesh.base.errors import InputError
 
 TYPES = {5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 
@@ -168,9 +167,3 @@ def test_placed_lamps_are_lights_that_the_validator_and_we_read(written, tmp_pat
     bulb, spot = (resolve(each, LampScale(1.0, 1.0, 1.0)) for each in asked)
     assert bulb.position == pytest.approx(BULB.position) and flux(bulb) == pytest.approx(flux(BULB))
     assert spot.position == pytest.approx(SPOT.position) and spot.intensity == pytest.approx(SPOT.intensity)
-
-
-def test_lamps_have_no_transfer():
-    scene, albedo = ball_scene(8)
-    with pytest.raises(InputError, match="`live`: the method blinn-phong"):
-        nine_coefficients(Relighter(scene, "blinn-phong"), albedo)

@@ -7,7 +7,6 @@ import open3d as o3d
 import pytest
 
 from relight import Environment, Relighter, cli
-from relight.engine.blinnphong import blinn_phong
 from relight.light.sun_split import split
 from relight.options import LightingOptions
 from relight.planning.effects import EFFECTS
@@ -184,22 +183,6 @@ def test_nothing_is_what_analytic_gives_to_the_bit(scene, noon, albedo):
     assert difference(Relighter(scene, rays=64).shade(noon, albedo), nothing.shade(noon, albedo)) > 0.2
 
 
-@pytest.mark.parametrize("distance", [0.6, 1000.0])
-def test_blinn_phong_knows_of_no_neighbour(noon, distance):
-    """Two equal balls, one over the other: the same light on both and on either alone, but for shadows."""
-    chunks = [mesh_of(ball(0.25, (0.0, height, 0.0), 8)) for height in (0.0, distance)]
-    alone = Relighter(Scene(chunks[:1]), "blinn-phong").shade(noon)
-    both = Relighter(Scene(chunks), "blinn-phong").shading(noon)
-    np.testing.assert_array_equal(both.radiance, np.concatenate([alone, alone]))
-    assert (both.sun_count, both.bounces) == (0, [])
-    np.testing.assert_array_equal(alone, blinn_phong(chunks[0].normals, noon))
-    # Lamps in constant light are not the sky: 6% was measured.
-    assert 0.02 < difference(alone, Relighter(Scene(chunks[:1]), "analytic").shade(noon)) < 0.2
-    if distance < 1.0:
-        shadowed = Relighter(Scene(chunks)).shade(noon)
-        assert difference(*np.split(shadowed, 2)) > 0.2
-
-
 @pytest.mark.parametrize("limit", [400, 60])
 def test_chunks_change_no_bit_of_direct_light_and_bounces_by_rounding(corner, albedo, noon, limit):
     whole, parts = Scene([corner]), Scene.from_mesh(corner, limit)
@@ -290,7 +273,6 @@ def test_geometry_is_traced_once_for_all_lights_angles_and_albedos(scene, noon, 
             relighter.shade(light, surface)
     assert calls == ["Occluder", "Visibility", "shot"]
     Relighter(scene, effects="none").shade(noon, albedo)
-    Relighter(scene, "blinn-phong").shade(noon, albedo)
     assert len(calls) == 3
 
 
@@ -314,7 +296,7 @@ WRONG = [
     ("raytraced", "bounces,sun", "bounces sun: sun, bounces and volume need shadows too"),
     ("raytraced", "none", "has shadows at least"),
     ("analytic", "shadows", "the method analytic has none"),
-    ("blinn-phong", "shadows,sun", "the method blinn-phong has none"),
+    ("neural-gash", "shadows,sun", "the method neural-gash has none"),
 ]
 
 
@@ -331,7 +313,7 @@ def test_effects_that_make_no_sense_are_refused(scene, tmp_path, capsys, method,
     assert sorted(tmp_path.rglob("*")) == before
 
 
-@pytest.mark.parametrize("method", ["auto", "analytic", "blinn-phong"])
+@pytest.mark.parametrize("method", ["auto", "analytic"])
 @pytest.mark.parametrize("value", [-0.1, 1.5, np.nan])
 def test_an_albedo_beyond_its_range_is_refused_by_every_method(scene, soft, albedo, method, value):
     wrong = albedo.copy()
@@ -367,7 +349,7 @@ def relight(folder, output, *options):
         (("--albedo", "white", "--effects", "bounces,shadows"), "raytraced", ["bounces", "shadows"], False, True),
         (("--effects", "shadows sun"), "raytraced", ["shadows", "sun"], True, False),
         (("--effects", "none"), "analytic", [], False, False),
-        (("--method", "blinn-phong"), "blinn-phong", [], False, False),
+        (("--method", "analytic"), "analytic", [], False, False),
     ],
 )
 def test_the_report_lists_effects_suns_and_bounces(folder, tmp_path, options, method, effects, suns, bounces):

@@ -211,7 +211,7 @@ def test_a_budget_is_spent_on_the_least_error(budget_s):
 @pytest.mark.parametrize(
     "given,kept",
     [
-        ({"method": "neural"}, {"method": "neural"}),
+        ({"method": "raytraced"}, {"method": "raytraced"}),
         ({"method": "analytic"}, {"method": "analytic", "rays": 0, "sun_tolerance": 0.0}),
         ({"bands": 7}, {"bands": 7}),
         ({"rays": 48}, {"rays": 48}),

@@ -75,17 +75,16 @@ def test_a_mesh_file_keeps_nothing_beside_it(tmp_path, noon):
     assert [path.name for path in tmp_path.iterdir()] == ["corner.ply"]
 
 
-@pytest.mark.parametrize("method", ["raytraced", "neural"])
-def test_a_second_run_traces_nothing(folder, noon, method):
-    first = opened(folder, method=method)
+def test_a_second_run_traces_nothing(folder, noon):
+    first = opened(folder)
     lit = first.shade(noon, grey(folder))
     assert first.rays_traced > 0
-    second = opened(folder, method=method)
+    second = opened(folder)
     np.testing.assert_array_equal(second.shade(noon, grey(folder)), lit)
     assert second.rays_traced == 0
     # Another light, turned, is the same transfer under other coefficients.
     sunset = Environment.load("sunset").rotated(70.0)
-    np.testing.assert_array_equal(opened(folder, method=method).shade(sunset), first.shade(sunset))
+    np.testing.assert_array_equal(opened(folder).shade(sunset), first.shade(sunset))
 
 
 def test_another_run_with_a_plan_finds_plan_and_transfer(folder):
@@ -134,15 +133,12 @@ def test_another_mesh_in_the_folder_is_traced_anew(folder, noon):
     assert relighter.rays_traced == 16 * 507
 
 
-@pytest.mark.parametrize("change", [{"seed": 1}, {"method": "neural"}, {"rays": 96}])
+@pytest.mark.parametrize("change", [{"seed": 1}, {"rays": 96}])
 def test_other_rays_are_not_taken_for_these(folder, noon, change):
     opened(folder, rays=32, bands=4).shade(noon)
     asked = {"rays": 32, "bands": 4} | change
     found, fresh = opened(folder, **asked), Relighter(Scene.load(folder), **asked)
-    if "method" in change:  # the network takes the same rays
-        np.testing.assert_array_equal(found.shade(noon), fresh.shade(noon))
-        assert found.rays_traced == 0
-    elif "seed" in change:
+    if "seed" in change:
         np.testing.assert_array_equal(found.shade(noon), fresh.shade(noon))
         assert found.rays_traced == 32 * 507
     else:  # 32 grow to 128, which serve for 96

@@ -61,7 +61,7 @@ def test_bash_completes_options_after_one_that_takes_several_and_files_elsewhere
 VALUES = {
     "--env s": ["studio", "sunset"],
     "--format glb sp": ["splat", "splat-glb"],
-    "--method neu": ["neural", "neural-gash"],
+    "--method neu": ["neural-gash"],
     "--detail d": ["draft"],
     "--open c": ["ceiling"],
     "--env x": [],

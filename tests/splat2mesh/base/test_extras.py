@@ -5,7 +5,6 @@ import re
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from splat2mesh.base.errors import InputError
@@ -55,7 +54,7 @@ def test_every_extra_brings_its_package(project):
 
 
 def test_what_needs_no_extra_comes_with_the_packages_and_training_alone_brings_torch(project):
-    """`--view`, `--method neural` and `--method neural-gash` run after `scripts/setup`."""
+    """`--view` and `--method neural-gash` run after `scripts/setup`."""
     assert {"pyvista", "onnxruntime"} <= names(project["dependencies"])
     extras = project["optional-dependencies"]
     assert [extra for extra, lines in extras.items() if "torch" in names(lines)] == ["train"]
@@ -77,13 +76,3 @@ def test_every_import_is_of_a_dependency_or_of_an_extra_that_users_have(project)
                 modules = [node.module]
             found |= {module.partition(".")[0]: path.relative_to(ROOT).as_posix() for module in modules}
     assert {name: path for name, path in found.items() if name not in known | beside} == {}
-
-
-def test_plans_leave_the_network_out_where_it_cannot_run(monkeypatch):
-    from relight.planning import choice
-
-    monkeypatch.setattr(choice, "installed", lambda package: False)
-    every = choice.Choice.__new__(choice.Choice)
-    every._method, every._rays = None, None
-    every.measured = type("Measured", (), {"sample": type("Sample", (), {"sizes": np.array([10])})})
-    assert "neural" not in every._methods(3, None)
