@@ -1,12 +1,15 @@
 """From a scene and lights to radiance: transfer once per geometry, then one small product for every light."""
 
+import math
 from collections.abc import Callable, Mapping
+from collections.abc import Set as AbstractSet
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from splat2mesh.base.errors import InputError
 from splat2mesh.base.progress import Stages
 from splat2mesh.scene.foreign import AnyScene, as_scene
 
@@ -16,8 +19,9 @@ from ..transfer.checks import checked_albedo
 from ..transfer.precomputed import Precomputed
 from ..transfer.settings import BOUNCE_RAYS, Settings
 from ..transfer.transport import Transport
-from .direct import DirectLight
-from .motion import moved
+from .direct import DirectLight, Geometry
+from .posed import PER_VERTEX, PosedGeometry, check_changes
+from .static import StaticGeometry
 
 if TYPE_CHECKING:
     from ..albedo.said import Said
@@ -27,6 +31,7 @@ if TYPE_CHECKING:
     from ..transfer.bounces import Interreflection
     from ..transfer.occluder import Occluder
     from ..transfer.store import Cache
+    from .dynamic import DynamicGeometry
 
 PLANNED = ("auto", "raytraced", "analytic")
 """Methods whose settings can be planned; the others guess, and no setting makes the error of that smaller."""
@@ -85,6 +90,7 @@ class Relighter:
         tolerance or a budget, each light is planned (`plan_for`).
     stages: Stages that time the work.
     cache: keeps transfers; none by default. `Cache.of_scene(scene)` is in the scene's folder.
+    max_speed: of a vertex that `update` moves, diagonals of the scene per second; above it transfer is computed later.
     precomputed: of another Relighter of the same scene, with its seed and cache, to share traced rays.
     shown: returns (V,) bool, the visible vertices, the only ones lit exactly. Default: all.
     Raises InputError for options outside these and, on first use, for a scene that cannot be lit.
@@ -97,6 +103,7 @@ class Relighter:
         *,
         stages: Stages | None = None,
         cache: "Cache | None" = None,
+        max_speed: float = math.inf,
         precomputed: Precomputed | None = None,
         shown: Callable[[], NDArray[np.bool_]] | None = None,
         **wishes: Any,
@@ -109,14 +116,16 @@ class Relighter:
             from ..rooms.hidden import kept_volumes
 
             self.precomputed.solid = partial(kept_volumes, self.scene, self.precomputed.cache)
-        self._direct_light = self._lit(self.precomputed)
+        self._direct_light = self._lit(StaticGeometry(self.precomputed, self.stages))
         self._everything = self.options.unplanned
         if self.precomputed.foliage is None:
             self._everything = self._everything._replace(volume=0)
         self._planner: Planner | None = None
         self._latest: Settings | None = None
+        self._dynamic: DynamicGeometry | PosedGeometry | None = None
         self._albedo: tuple[NDArray[np.floating], NDArray[np.float32] | None] | None = None
-        self._posed: tuple[Precomputed, Settings] | None = None  # once chunks moved
+        self._posed: Precomputed | None = None
+        self._max_speed = max_speed
         if self.options.is_planned:
             from ..planning import planner
 
@@ -143,7 +152,7 @@ class Relighter:
 
         Where it is planned, as the latest light called for it; it may have more bands than the plan says.
         """
-        return self._now.transfer(self._settings_now())[0]
+        return self.precomputed.transfer(self._settings_now())[0]
 
     @property
     def rays_traced(self) -> int:
@@ -151,8 +160,10 @@ class Relighter:
         return self.precomputed.rays_traced
 
     def interreflection(self, rays: int = BOUNCE_RAYS) -> "Interreflection":
-        """The Interreflection of the scene, for the visibility of `transfer`."""
-        return self._now.interreflection(rays, self.transfer)
+        """The Interreflection of the scene, for the visibility of `transfer`; while chunks move, the earlier one."""
+        if self._posed is not None and self._dynamic is not None:
+            return self._posed.interreflection(rays, self._dynamic.transfer()[0])
+        return self.precomputed.interreflection(rays, self.transfer)
 
     def transport(self, settings: Settings, alone: bool = False) -> Transport:
         """The Transport of the white scene under Settings with bounces, for what builds on it. Leaves and grass are
@@ -161,9 +172,9 @@ class Relighter:
         precomputed = self.precomputed.alone(settings) if alone else self.precomputed
         transfer = precomputed.transfer(settings)[0]
         bounces = precomputed.interreflection(settings.bounce_rays, transfer)
-        direct = self._lit(precomputed)
+        geometry = StaticGeometry(precomputed, self.stages)
         return Transport(
-            transfer[:, : settings.bands**2], bounces, lambda suns, rows: direct.by_suns(suns, settings, rows)
+            transfer[:, : settings.bands**2], bounces, lambda suns, rows: geometry.sunlight(suns, settings, rows)
         )
 
     @property
@@ -220,8 +231,8 @@ class Relighter:
         Raises InputError for an albedo that is not one colour in [0, 1] per vertex.
         """
         tint, planner = self._tint(albedo_linear), None
-        if self._posed is not None:
-            settings = self._posed[1]  # a new light is not planned while chunks move
+        if self._dynamic is not None:
+            settings = self._dynamic.settings  # a new light is not planned while chunks move
         elif settings is None:
             planner = self._planner if self.options.method in PLANNED else None
             settings = self._everything if planner is None else planner.settled(environment, tint)
@@ -259,34 +270,63 @@ class Relighter:
         """
         return self._direct_light.shade(environment, settings)[0], self._direct_light.sunlight(environment, settings)
 
-    def update(self, chunk: int, vertices: NDArray[np.floating], normals: NDArray[np.floating]) -> None:
+    def update(
+        self, chunk: int, vertices: NDArray[np.floating], normals: NDArray[np.floating], seconds: float | None = None
+    ) -> NDArray[np.int64]:
         """Move one chunk of the scene; see `update_all`."""
-        self.update_all({chunk: (vertices, normals)})
+        return self.update_all({chunk: (vertices, normals)}, seconds)
 
-    def update_all(self, changes: Mapping[int, tuple[NDArray[np.floating], NDArray[np.floating]]]) -> None:
-        """Move chunks: the next `shading` is that of a new Relighter of the moved scene, by the same settings.
+    def update_all(
+        self,
+        changes: Mapping[int, tuple[NDArray[np.floating], NDArray[np.floating]]],
+        seconds: float | None = None,  # since these chunks were given before; without, none is taken to be fast
+    ) -> NDArray[np.int64]:
+        """Move chunks: the sorted rows, (M,), of vertices whose light may change.
 
-        changes: chunk -> (vertices, normals), (V, 3) both, as many of either as it had, scene frame. A plan's bands and
-        rays stay, with shadows everywhere, and each vertex keeps its set of rays, so that noise does not flicker. The
-        Scene itself is not changed. Raises InputError for arrays that do not fit.
+        changes: chunk -> (vertices, normals), (V, 3) both, as many of either as it had, scene frame.
+        Only the region that the motion can reach is traced again. A chunk faster than `max_speed` carries its transfer
+        along, until it slows down or `catch_up` is called. Bounces keep the matrix from before the motion until then; a
+        plan's bands and rays stay, with shadows everywhere. Under the methods "analytic" and "neural-gash" every moved
+        vertex is computed anew, without rays. The Scene itself is not changed.
+        Raises InputError for arrays that do not fit and for the methods "neural" and "blinn-phong".
         """
-        settings = self._posed[1] if self._posed else self._in_motion()
+        check_changes(self.scene, changes)
+        if self._dynamic is None or not self._dynamic.moving >= changes.keys():
+            self._dynamic = self._in_motion(changes.keys() | (self._dynamic.moving if self._dynamic else set()))
+            self._direct_light = self._lit(self._dynamic)
         with self.stages.stage("motion"):
-            posed = Precomputed(moved(self._now.scene, changes), self.seed, None, self.stages)
-            posed.ranks = self._now.ranks
-        self._posed, self._direct_light = (posed, settings), self._lit(posed)
+            return self._renewed(*self._dynamic.update(changes, seconds))
 
-    def _in_motion(self) -> Settings:
-        """The Settings by which all poses are lit."""
-        settings = self._settings_now()
-        if settings.method == "analytic" and self.options.method == "auto":
+    def _in_motion(self, moving: AbstractSet[int]) -> "DynamicGeometry | PosedGeometry":
+        """The geometry of which these chunks may move, in its present pose."""
+        from .dynamic import DynamicGeometry
+
+        before = self._dynamic
+        settings = before.settings if before else self._settings_now()
+        if self.options.method in PER_VERTEX:
+            assert before is None or isinstance(before, PosedGeometry)
+            return PosedGeometry(self.scene, moving, settings, before)
+        assert before is None or isinstance(before, DynamicGeometry)
+        if settings.method != "raytraced":
+            if self.options.method != "auto":
+                raise InputError(f"the method {settings.method} cannot follow motion; leave it at auto")
             settings = self._everything._replace(method="raytraced", bands=DYNAMIC_BANDS, rays=DYNAMIC_RAYS)
-        return settings._replace(shadowed=None, volume=0)
+        settings = settings._replace(shadowed=None, volume=0)
+        return DynamicGeometry(self.scene, moving, settings, self.seed, self._max_speed, before)
+
+    def catch_up(self) -> NDArray[np.int64]:
+        """After motion, compute the postponed part, bounces included: the sorted rows whose light may change."""
+        if self._dynamic is None:
+            return np.zeros(0, np.int64)
+        with self.stages.stage("motion"):
+            rows = self._renewed(*self._dynamic.catch_up())
+        self._posed = Precomputed(self._dynamic.scene(self.scene), self.seed, None, self.stages)
+        return rows
 
     @property
-    def _now(self) -> Precomputed:
-        """What is precomputed of the present pose."""
-        return self.precomputed if self._posed is None else self._posed[0]
+    def stale(self) -> bool:
+        """Whether `catch_up` has something to do for direct light."""
+        return self._dynamic is not None and self._dynamic.stale
 
     def _tint(self, albedo_linear: NDArray[np.floating] | None) -> NDArray[np.float32] | None:
         """The albedo as (V, 3) float32, None where it is white; looked through once, however many lights follow.
@@ -300,8 +340,12 @@ class Relighter:
             self._albedo = albedo_linear, None if (albedo == 1.0).all() else albedo
         return self._albedo[1]
 
-    def _lit(self, precomputed: Precomputed) -> DirectLight:
-        return DirectLight(precomputed, self.cache, self.stages)
+    def _lit(self, geometry: Geometry) -> DirectLight:
+        return DirectLight(geometry, self.cache, self.stages)
+
+    def _renewed(self, transfer_rows: NDArray[np.int64], light_rows: NDArray[np.int64]) -> NDArray[np.int64]:
+        self._direct_light.renew(transfer_rows)
+        return light_rows
 
     def _settings_now(self) -> Settings:
         return self._latest or self._everything

@@ -196,7 +196,7 @@ class Sample:
         blocks = [order[begin : begin + consensus.BLOCK] for begin in begins]
         rows = np.concatenate([block for block in blocks if len(block) == consensus.BLOCK] or blocks[:1])
         places = self.occluder.origins[rows], self.occluder.normals[rows], azimuths
-        offsets = sampling.offsets_of_ranks(np.arange(len(rows)), 1)
+        offsets = sampling.ranked_offsets(0, len(rows), 1)
         traced = consensus.hidden_rays(self.occluder, consensus.RaySet(*places, offsets))[1]
         self.rays += traced
         return traced / max(1, len(rows) * len(azimuths))

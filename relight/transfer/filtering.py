@@ -7,6 +7,7 @@ the visible fraction. Every step is of one ring.
 """
 
 import math
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,6 @@ from splat2mesh.base.threads import in_slices
 
 from ..sh import harmonics
 from .lobes import add_lobes, squared_lobe
-from .neighbors import Neighbors
 from .sampling import legendre_factors
 
 NOISE = 0.078
@@ -42,6 +42,26 @@ MAX_RAYS = 512
 _COLUMNS = 16  # averaged at a time: a cache line of each neighbour, and a small copy of all
 
 
+class Rows(Protocol):
+    """Nodes and their neighbours as sparse rows: what `average` needs of Neighbors."""
+
+    @property
+    def vertices(self) -> NDArray[np.int64]:
+        """(N,), the vertex that stands for each node."""
+
+    @property
+    def starts(self) -> NDArray[np.int64]:
+        """(N + 1,), where each row begins."""
+
+    @property
+    def columns(self) -> NDArray[np.int32]:
+        """(E,), nodes beside each."""
+
+    @property
+    def weights(self) -> NDArray[np.float32]:
+        """(E,), of these, in [0, 1]."""
+
+
 def steps_for(rays: int, bands: int) -> int:
     """The number of steps of `average` worth their bias at a number of rays per vertex (scripts/bench rays)."""
     if rays > MAX_RAYS:
@@ -50,7 +70,7 @@ def steps_for(rays: int, bands: int) -> int:
 
 
 def average(
-    neighbors: Neighbors,  # N nodes of V vertices
+    neighbors: Rows,  # N nodes of V vertices
     normals: NDArray[np.float32],  # (N, 3) float32, unit
     model: NDArray[np.float32],  # (N, 4) float32 of `sampling.gather`, changed
     rest: NDArray[

@@ -48,14 +48,25 @@ class Neighbors:
         starts, columns = _rings(len(first) - 1, np.ascontiguousarray(corners))
         counts = np.zeros(len(first) - 1, np.int64)
         in_slices(_sort_rows, len(counts), starts, columns, counts)
-        # From places beside places to nodes beside nodes.
-        args = np.ascontiguousarray(normals[self.vertices]), place, first, starts, columns, counts
-        used, nothing = np.zeros(len(self.vertices) + 1, np.int64), np.zeros(0, np.int32)
-        in_slices(_node_rows, len(self.vertices), *args, used[1:], nothing, np.zeros(0, np.float32))
+        self._expand(np.ascontiguousarray(normals[self.vertices]), place, first, starts, columns, counts)
+
+    def _expand(
+        self,
+        normals: NDArray[np.float32],
+        place: NDArray[np.int32],
+        first: NDArray[np.int64],
+        starts: NDArray[np.int64],
+        columns: NDArray[np.int32],
+        counts: NDArray[np.int64],
+    ) -> None:
+        """From places beside places to nodes beside nodes."""
+        args = normals, place, first, starts, columns, counts
+        used, nothing = np.zeros(len(normals) + 1, np.int64), np.zeros(0, np.int32)
+        in_slices(_node_rows, len(normals), *args, used[1:], nothing, np.zeros(0, np.float32))
         self.starts = np.cumsum(used)
         self.columns = np.zeros(self.starts[-1], np.int32)
         self.weights = np.zeros(self.starts[-1], np.float32)
-        in_slices(_node_rows, len(self.vertices), *args, self.starts[:-1], self.columns, self.weights)
+        in_slices(_node_rows, len(normals), *args, self.starts[:-1], self.columns, self.weights)
 
 
 def ranked_nodes(origins: Floats, normals: Floats) -> tuple[NDArray[np.int64], Mask, Mask]:

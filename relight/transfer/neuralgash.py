@@ -6,6 +6,8 @@ three quarters of that without shadows, four times that of 25 rays (`relight/mod
 Geronikolakis et al., "Neural-GASh", arXiv:2507.13917, 2025.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -36,6 +38,7 @@ def neural_gash(
     vertices: ArrayLike,  # (V, 3), scene frame; all of the scene, which sets the unit frame
     normals: ArrayLike,  # (V, 3), scene frame, any length
     advance: Advance = lambda count: None,  # called with the number of vertices done
+    frame: "UnitFrame | None" = None,  # the unit frame, where the vertices are not all of the scene
 ) -> NDArray[np.float32]:
     """Transfer of white vertices as the network guesses it: (V, 9) float32, in the basis of `relight.sh.harmonics`.
 
@@ -44,7 +47,7 @@ def neural_gash(
     Normals are used as `unit_normals` returns them. Raises InputError for shapes that do not fit, vertices that are not
     finite, and without onnxruntime.
     """
-    points = unit_points(vertices)
+    points = (frame or UnitFrame.of(vertices)).points(vertices)
     normals = np.asarray(normals)
     check_shape("the normals", normals, points.shape)
     normals = unit_normals(normals)
@@ -64,16 +67,34 @@ def neural_gash(
     return transfer
 
 
+class UnitFrame(NamedTuple):
+    """The network's frame. middle: (3,) of a bounding box, which goes to 0. half: of its diagonal, which becomes 1; 1
+    where all points are one."""
+
+    middle: NDArray[np.float64]
+    half: float
+
+    @classmethod
+    def of(cls, vertices: ArrayLike) -> "UnitFrame":
+        """That of the vertices (V, 3) of a scene. Raises InputError for another shape and for what is not finite."""
+        vertices = np.asarray(vertices)
+        check_vertices(vertices)
+        if len(vertices) == 0:
+            return cls(np.zeros(3), 1.0)
+        low, high = vertices.min(axis=0).astype(np.float64), vertices.max(axis=0).astype(np.float64)
+        half = float(np.linalg.norm(high / 2.0 - low / 2.0))  # halves: their difference fits wherever the corners do
+        return cls(low / 2.0 + high / 2.0, half or 1.0)
+
+    def points(self, vertices: ArrayLike) -> NDArray[np.float64]:
+        """(V, 3) float64 in this frame. Raises InputError as `of` does."""
+        vertices = np.asarray(vertices)
+        check_vertices(vertices)
+        return np.asarray((vertices - self.middle) / self.half).reshape(-1, 3)
+
+
 def unit_points(vertices: ArrayLike) -> NDArray[np.float64]:
-    """Points (V, 3) float64 of a scene in the network's frame: the middle of their bounding box at 0, half of its
-    diagonal 1, so size and place of a scene change nothing; all at 0 where they are one.
+    """Points (V, 3) float64 in their own UnitFrame, so size and place of a scene change nothing.
 
     Raises InputError for another shape and for vertices that are not finite.
     """
-    vertices = np.asarray(vertices)
-    check_vertices(vertices)
-    if len(vertices) == 0:
-        return np.zeros((0, 3))
-    low, high = vertices.min(axis=0).astype(np.float64), vertices.max(axis=0).astype(np.float64)
-    half = float(np.linalg.norm(high / 2.0 - low / 2.0))  # halves: their difference fits wherever the corners do
-    return np.asarray((vertices - (low / 2.0 + high / 2.0)) / (half or 1.0))
+    return UnitFrame.of(vertices).points(vertices)

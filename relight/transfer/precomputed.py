@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from splat2mesh.base.arrays import Indices, Mask, Transfer
+from splat2mesh.base.arrays import Mask, Transfer
 from splat2mesh.base.progress import Stages
 from splat2mesh.scene.scene import Scene
 
@@ -56,7 +56,6 @@ class Precomputed(KeptBounces):
     ) -> None:
         super().__init__(scene, seed, cache, stages, shown)
         self._visibility: Visibility | None = None
-        self._given_ranks: Indices | None = None
         self.foliage = Foliage.of_scene(scene)
         self._transfers: dict[Key, Transfer] = {}
 
@@ -64,15 +63,6 @@ class Precomputed(KeptBounces):
     def _neighbors(self) -> Neighbors:
         """The Neighbors of the occluder."""
         return super()._neighbors if self._visibility is None else self._visibility.neighbors
-
-    @property
-    def ranks(self) -> Indices:
-        """(V,) by which vertices get their rays: given by the same scene in another pose, or along a curve."""
-        return self._neighbors.node if self._given_ranks is None else self._given_ranks
-
-    @ranks.setter
-    def ranks(self, ranks: Indices) -> None:
-        self._given_ranks = ranks
 
     @property
     def _volumes(self) -> Foliage:
@@ -209,7 +199,7 @@ class Precomputed(KeptBounces):
         else:
             occluder = self.occluder
             with self._stages.stage("rays", traced) as advance:
-                visibility = Visibility(occluder, settings.rays, self.seed, mask, advance, True, self._given_ranks)
+                visibility = Visibility(occluder, settings.rays, self.seed, mask, advance, sparing=True)
             visibility.name = name
             new, shot = visibility.rays, visibility.shot
         self._visibility = visibility

@@ -1,6 +1,9 @@
 """Transfer with shadows: the visibility of the whole scene, ray traced."""
 
+from collections.abc import Callable, Iterator
+
 import numpy as np
+from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Indices, Transfer
 from splat2mesh.base.progress import Advance
@@ -37,6 +40,7 @@ def raytraced(
     bands: int,
     rays: int,  # per vertex
     seed: int = 0,
+    advance: Advance = lambda count: None,  # called with the number of vertices done
 ) -> Transfer:
     """Transfer of some white vertices in the shadow of everything: (V, K) float32, unfiltered.
 
@@ -50,12 +54,37 @@ def raytraced(
     bands, rays = harmonics.check_bands(bands), check_rays(rays)
     origins, normals = occluder.origins[vertices], occluder.normals[vertices]
     transfer = np.zeros((len(origins), bands**2), np.float32)
-    azimuths, batch = sampling.fibonacci_azimuths(rays), max(1, BATCH_RAYS // rays)
+
+    def offsets(part: slice) -> NDArray[np.float32]:
+        return sampling.hashed_offsets(origins[part], normals[part], seed)
+
+    for part, (model, rest) in trace(occluder, origins, normals, bands, rays, offsets):
+        transfer[part] = completed(normals[part], model, rest)
+        advance(len(rest))
+    return transfer
+
+
+def offsets_by_rank(part: slice, seed: int) -> NDArray[np.float32]:
+    """Ray offsets of a slice of nodes, by their ranks along the curve."""
+    return sampling.ranked_offsets(part.start, part.stop, seed)
+
+
+def trace(
+    occluder: Occluder,
+    origins: NDArray[np.float32],
+    normals: NDArray[np.float32],
+    bands: int,
+    rays: int,
+    offsets: Callable[[slice], NDArray[np.float32]],
+) -> Iterator[tuple[slice, tuple[NDArray[np.float32], NDArray[np.float32]]]]:
+    """Visibility of batches of vertices: their slice, and (model, rest) as `sampling.gather` separates them."""
+    azimuths = sampling.fibonacci_azimuths(rays)
+    batch = max(1, BATCH_RAYS // rays)
+    buffer = np.zeros((min(batch, len(origins)), rays, 6), np.float32)
     for start in range(0, len(origins), batch):
-        part = slice(start, start + batch)
-        shot = np.zeros((len(origins[part]), rays, 6), np.float32)
-        sampling.shoot(origins[part], normals[part], azimuths, seed, shot)
+        part = slice(start, min(start + batch, len(origins)))
+        shot = buffer[: part.stop - start]
+        sampling.shoot_at(origins[part], normals[part], azimuths, offsets(part), shot)
         model, rest = np.zeros((len(shot), 4), np.float32), np.zeros((len(shot), bands**2), np.float32)
         sampling.gather(shot, occluder.occluded(shot), normals[part], model, rest)
-        transfer[part] = completed(normals[part], model, rest)
-    return transfer
+        yield part, (model, rest)

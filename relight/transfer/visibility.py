@@ -31,12 +31,10 @@ class Visibility:
     full turn. bits: for each set (N, ceil(base / 8)) uint8, 1 where something is in the way, as `numpy.packbits`.
     seed: of the directions. traced: (N,) bool, the nodes that were given rays; what the others see counts as open.
     normals: (N, 3) float32. name: what a Precomputed keeps it under, where one does. sparing: whether rays on whose
-    outcome neighbours agree stay untraced. shot: how many rays were traced here. ranks: (V,), by which vertices get
-    their rays, where it is not their order along the curve.
+    outcome neighbours agree stay untraced. shot: how many rays were traced here.
     """
 
     name: tuple[str, int, str] | None = None
-    ranks: Indices | None = None
     sparing: bool = False
     shot: int = 0
 
@@ -48,11 +46,10 @@ class Visibility:
         vertices: Mask | None = None,  # (V,) bool, which need rays; all without
         advance: Advance = lambda count: None,  # called with the number of vertices done
         sparing: bool = False,  # leave out rays on whose outcome neighbours agree, see `consensus`
-        ranks: Indices | None = None,  # (V,), of the same vertices elsewhere
     ) -> None:
         """Trace the rays. Raises InputError for rays outside 1..65536."""
         self._begin(occluder, check_rays(rays), seed)
-        self.sparing, self.ranks = sparing, ranks
+        self.sparing = sparing
         self.traced = np.ones(len(self.neighbors.vertices), bool)
         if vertices is not None:
             self.traced = np.bincount(self.neighbors.node, vertices, len(self.traced)) > 0
@@ -148,8 +145,7 @@ class Visibility:
 
     def _offsets(self, each: tuple[float, float], nodes: Indices) -> NDArray[np.float32]:
         """The offsets of the rays of one set from some nodes, (N, 2) float32."""
-        ranks = nodes if self.ranks is None else self.ranks[self.neighbors.vertices[nodes]]
-        return sampling.moved(sampling.offsets_of_ranks(ranks, self.seed), each)
+        return sampling.moved(sampling.offsets_of_ranks(nodes, self.seed), each)
 
     def _shot(
         self, each: tuple[float, float], part: slice, buffer: NDArray[np.float32] | None = None

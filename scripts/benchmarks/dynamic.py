@@ -1,22 +1,23 @@
-"""Latencies of moving light and meshes, and what deforming meshes cost.
+"""Latencies of the engine that follows moving light, albedo and meshes, and what deforming meshes cost.
 
 1 product     one light times a transfer, against copying as many bytes in the same run, and BLAS
-2 latencies   median and 95% of: rotate (harmonics turned, product), swap (a light projected again, product), one chunk
-              of ten deformed (`Relighter.update`, light)
+2 latencies   median and 95% of: rotate (harmonics turned, product), swap (a light projected again, product), albedo
+              (product times another albedo), one chunk of ten deformed (update of the transfer, product)
 3 deforming   milliseconds a frame of a mesh that twists, bends, or reaches over a table, by method, and the error of
               its radiance against a full computation with 512 rays a vertex in the same bands
 Times are wall-clock ms, in brackets processor ms: on a machine shared with others the second say more.
 """
 
+import sys
+
 import numpy as np
 
 from benchmarks.harness import relative_error, timed
-from relight import Environment, Relighter
+from relight import Environment
 from relight.animation.animation import face_normals
+from relight.transfer.analytic import analytic
 from relight.transfer.apply import BlockTransfer
-from relight.transfer.occluder import Occluder
-from relight.transfer.raytraced import raytraced_scene
-from relight.transfer.settings import Settings
+from relight.transfer.dynamic import DynamicTransfer
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene
 
@@ -26,12 +27,12 @@ QUICK = ["--vertices", "2000", "--deform", "1000", "--frames", "2"]
 TRIES = 60
 """Runs, of which the fastest counts: both threads of a product need a free core at once."""
 METHODS = (
-    ("raytraced", 8, 128),
-    ("raytraced", 5, 64),
-    ("raytraced", 3, 32),
-    ("raytraced", 3, 8),
+    ("exact", 8, 128),
+    ("exact", 5, 64),
+    ("exact", 3, 32),
+    ("exact", 3, 8),
+    ("carried", 3, 32),
     ("analytic", 3, 0),
-    ("neural-gash", 3, 0),
 )
 DEFORMATIONS = "twist", "bend", "arm over a table"
 
@@ -105,7 +106,7 @@ def swollen(chunk, step):
 
 
 def products(counts, report):
-    ways = "float32", "BLAS"
+    ways = "float32", "with_albedo", "BLAS"
     columns = {"vertices": ",", "K": "d", "copy_ms": ".3f"}
     for way in ways:
         columns |= {f"{way}_ms": ".3f", f"{way}_x": ".1f"}
@@ -115,13 +116,14 @@ def products(counts, report):
         for coefficients in (9, 25, 64):
             transfer = rng.normal(size=(count, coefficients)).astype(np.float32)
             light = rng.normal(size=(coefficients, 3)).astype(np.float32)
-            out = np.zeros((count, 3), np.float32)
+            out, albedo = np.zeros((count, 3), np.float32), rng.random((count, 3)).astype(np.float32)
             source = np.ones((transfer.nbytes + out.nbytes) // 8, np.float32)  # read and written: as many in all
             target = np.zeros_like(source)
             whole = BlockTransfer(transfer)
             works = [
                 lambda _, a=target, b=source: np.copyto(a, b),
-                lambda _, p=whole, c=light: p.apply(c),
+                lambda _, p=whole, c=light, o=out: p.radiance(c, o),
+                lambda _, p=whole, c=light, o=out, a=albedo: p.radiance(c, o, a),
                 lambda _, t=transfer, c=light, o=out: np.maximum(np.matmul(t, c, out=o), 0, out=o),
             ]
             best = np.full(len(works), np.inf)
@@ -135,33 +137,41 @@ def products(counts, report):
 
 
 def latencies(counts, frames, environment, report):
-    works = "rotate", "swap", "one_of_ten_chunks"
+    works = "rotate", "swap", "albedo", "one_of_ten_chunks"
     columns = {"vertices": ",", "bands": "d", "rays": "d"} | dict.fromkeys(works, "<22")
-    table = report.table("latencies, ms: median, 95% (median processor ms)", **columns)
+    table = report.table("latencies, ms: median, 95% (median processor ms)", **columns, rows_new=",.0f")
+    rng = np.random.default_rng(1)
     for count in counts:
         scene = ground(count)
         for bands, rays in ((3, 32), (8, 128)) if count < 500_000 else ((3, 32),):
-            live = Relighter(scene)
-            live.shading(environment, settings=Settings("raytraced", bands, rays))
-            product = BlockTransfer(live.transfer[:, : bands**2])
-            repeats = max(3, frames if count < 500_000 else frames // 4)
+            live = DynamicTransfer(scene, [4], bands, rays)
+            product, light = BlockTransfer(live.transfer), environment.sh(bands)
+            out = np.zeros((len(live.transfer), 3), np.float32)
+            albedos = [rng.random(out.shape).astype(np.float32) for _ in range(2)]
+
+            def rotate(step, product=product, out=out, bands=bands):
+                product.radiance(environment.rotated(7.0 * step).sh(bands), out)
+
+            def swap(step, product=product, out=out, bands=bands):
+                product.radiance(Environment(environment.radiance).sh(bands), out)
+
+            def recolor(step, product=product, light=light, out=out, albedos=albedos):
+                product.radiance(light, out, albedos[step % 2])
+
+            rows, repeats = [], max(3, frames if count < 500_000 else frames // 4)
             poses = [swollen(scene.chunks[4], step) for step in range(repeats + 1)]
 
-            def rotate(step, product=product, bands=bands):
-                product.apply(environment.rotated(7.0 * step).sh(bands))
+            def deform(step, poses=poses, live=live, product=product, light=light, out=out, rows=rows):
+                new = live.update(4, *poses[step])
+                rows.append(len(new))
+                product.write(new, live.transfer[new])
+                product.radiance(light, out)
 
-            def swap(step, product=product, bands=bands):
-                product.apply(Environment(environment.radiance).sh(bands))
-
-            def deform(step, poses=poses, live=live):
-                live.update(4, *poses[step])
-                live.shade(environment)
-
-            deform(-1)
-            cells = [shown(measured(work, 3 * repeats), 2) for work in (rotate, swap)]
+            live.update(4, *poses[-1])
+            cells = [shown(measured(work, 3 * repeats), 2) for work in (rotate, swap, recolor)]
             cells.append(shown(measured(deform, repeats)))
-            row = {"vertices": len(scene.vertices), "bands": bands, "rays": rays}
-            table.add(**row | dict(zip(works, cells, strict=True)))
+            row = {"vertices": len(out), "bands": bands, "rays": rays} | dict(zip(works, cells, strict=True))
+            table.add(**row, rows_new=float(np.median(rows)))
 
 
 def pose(kind, rest, phase):
@@ -200,26 +210,46 @@ def deforming(counts, frames, environment, report):
                 chunks.append(mesh((top * 1.4 - [0.7, 0, 0.7]).astype(np.float32), top_faces))
             scene, references = Scene(chunks), {}
             for name, bands, rays in METHODS:
+                light = environment.sh(bands)
                 if bands not in references:
                     last = Scene([mesh(arms[-1][0], faces, arms[-1][1]), *chunks[1:]])
-                    occluder = Occluder(last.vertices, last.normals, last.faces)
-                    transfer = raytraced_scene(occluder, bands, REFERENCE_RAYS)
-                    references[bands] = np.maximum(transfer @ environment.sh(bands), 0)
-                times, radiance = frame_times(Settings(name, bands, rays), scene, arms, environment)
-                add(table, kind, scene, name, bands, rays, times, radiance, references[bands])
+                    references[bands] = np.maximum(
+                        DynamicTransfer(last, [0], bands, REFERENCE_RAYS).transfer @ light, 0
+                    )
+                times, transfer = frame_times(name, scene, arms, bands, rays)
+                add(table, kind, scene, name, bands, rays, times, np.maximum(transfer @ light, 0), references[bands])
+            gash(table, kind, scene, arms, environment, references[3])
 
 
-def frame_times(settings, scene, arms, environment):
-    """Times of a frame by a method, and the radiance of the last frame."""
-    live = Relighter(scene, settings.method)
-    live.shading(environment, settings=settings)
+def frame_times(name, scene, arms, bands, rays):
+    """Times of a frame by a method, and the transfer of the last frame."""
+    moving = len(scene.chunks[0].vertices)
+    if name == "analytic":
+        rest = analytic(np.concatenate([chunk.normals for chunk in scene.chunks]), bands)[moving:]
+        times = measured(lambda step: analytic(arms[step + 1][1], bands), len(arms) - 1)
+        return times, np.concatenate([analytic(arms[-1][1], bands), rest])
+    live = DynamicTransfer(scene, [0], bands, rays)
     live.update(0, *arms[0])
+    if name == "carried":
+        live.max_speed = 0.0
+    times = measured(lambda step: live.update(0, *arms[step + 1], seconds=1 / 30), len(arms) - 1)
+    return times, live.transfer
 
-    def frame(step):
-        live.update(0, *arms[step + 1])
-        live.shade(environment)
 
-    return measured(frame, len(arms) - 1), live.shade(environment)
+def gash(table, kind, scene, arms, environment, reference):
+    """The paper's network, for the vertices that move."""
+    try:
+        from relight.transfer.neuralgash import neural_gash
+
+        neural_gash(*arms[0])
+    except Exception as error:
+        print(f"neural-gash left out: {error}", file=sys.stderr)
+        return
+    moving = len(arms[0][0])
+    times = measured(lambda step: neural_gash(*arms[step + 1]), len(arms) - 1)
+    rest = analytic(scene.normals, 3)[moving:]
+    transfer = np.concatenate([neural_gash(*arms[-1]), rest])
+    add(table, kind, scene, "neural-gash", 3, 0, times, np.maximum(transfer @ environment.sh(3), 0), reference)
 
 
 def add(table, kind, scene, name, bands, rays, times, radiance, reference):

@@ -1,4 +1,4 @@
-"""Direct light: the product and the suns."""
+"""One direct light for a geometry at rest and one that moves."""
 
 import numpy as np
 import open3d as o3d
@@ -6,6 +6,8 @@ import pytest
 
 from relight import Environment
 from relight.engine.direct import DirectLight
+from relight.engine.dynamic import DynamicGeometry
+from relight.engine.static import StaticGeometry
 from relight.light.sun_split import split
 from relight.transfer.precomputed import Precomputed
 from relight.transfer.settings import Settings
@@ -31,8 +33,21 @@ def precomputed(scene):
     return Precomputed(scene, 0)
 
 
-def lit(precomputed):
-    return DirectLight(precomputed, Cache(), Stages())
+def lit(geometry):
+    return DirectLight(geometry, Cache(), Stages())
+
+
+@pytest.mark.parametrize("tolerance", [0.0, 0.01])
+def test_a_scene_at_rest_is_to_the_bit_a_moving_one_of_one_body(scene, precomputed, tolerance):
+    settings = SUNLIT._replace(sun_tolerance=tolerance)
+    static = lit(StaticGeometry(precomputed, Stages()))
+    dynamic = lit(DynamicGeometry(scene, [], settings, 0, np.inf))
+    for environment in (Environment.load("noon"), Environment.load("sunset").rotated(30.0), Environment.load("noon")):
+        (expected, suns, done), (found, same_suns, as_done) = (
+            each.shade(environment, settings) for each in (static, dynamic)
+        )
+        np.testing.assert_array_equal(found, expected)
+        assert suns == same_suns and (suns > 0) == (tolerance > 0.0) and done == as_done == settings
 
 
 def test_it_is_the_product_of_transfer_and_rest_and_the_suns(precomputed):
@@ -40,6 +55,6 @@ def test_it_is_the_product_of_transfer_and_rest_and_the_suns(precomputed):
     rest, suns = split(noon, 4, 0.01)
     transfer = precomputed.transfer(SUNLIT)[0][:, :16].astype(np.float64)
     expected = np.maximum(transfer @ rest.sh(4) + sunlight(precomputed.occluder, slice(None), suns), 0.0)
-    found, count, _ = lit(precomputed).shade(noon, SUNLIT)
+    found, count, _ = lit(StaticGeometry(precomputed, Stages())).shade(noon, SUNLIT)
     np.testing.assert_allclose(found, expected, atol=2e-6 * expected.max())
     assert count == len(suns) > 0

@@ -200,14 +200,13 @@ def test_hashed_offsets_are_uniform_and_independent():
 
 
 def test_ranked_offsets_fill_the_square_evenly_in_every_run():
-    ranks = np.arange(10**6, 10**6 + 4096)
-    offsets = sampling.offsets_of_ranks(ranks, seed=5)
+    offsets = sampling.ranked_offsets(10**6, 10**6 + 4096, seed=5)
     assert offsets.dtype == np.float32 and offsets.min() >= 0 and offsets.max() < 1
-    np.testing.assert_array_equal(sampling.offsets_of_ranks(ranks[100:164], seed=5), offsets[100:164])
+    np.testing.assert_array_equal(sampling.ranked_offsets(10**6 + 100, 10**6 + 164, seed=5), offsets[100:164])
     for start in range(0, 4096, 256):
         counts = np.histogram2d(*offsets[start : start + 256].T, bins=8, range=[[0, 1], [0, 1]])[0]
         assert counts.min() >= 2 and counts.max() <= 7  # 4 expected; independent ones: 0 and 11
-    assert (sampling.offsets_of_ranks(np.arange(64), 6) != sampling.offsets_of_ranks(np.arange(64), 7)).all()
+    assert (sampling.ranked_offsets(0, 64, seed=6) != sampling.ranked_offsets(0, 64, seed=7)).all()
 
 
 # -- closed forms of visibility

@@ -9,7 +9,7 @@ from relight.transfer import MAX_RAYS, sampling
 from relight.transfer.analytic import analytic
 from relight.transfer.filtering import average, steps_for
 from relight.transfer.occluder import Occluder
-from relight.transfer.raytraced import raytraced, raytraced_scene
+from relight.transfer.raytraced import offsets_by_rank, raytraced, raytraced_scene, trace
 from relight.transfer.sampling import MAX_DOUBLINGS, MIN_GROWING
 from relight.transfer.visibility import Visibility, completed
 from splat2mesh.base.errors import InputError
@@ -40,7 +40,7 @@ def test_bits_are_what_the_rays_meet(occluder, rays):
     seen = Visibility(occluder, rays, seed=5)
     vertices = seen.neighbors.vertices
     shot = np.zeros((len(vertices), rays, 6), np.float32)
-    offsets = sampling.offsets_of_ranks(np.arange(len(vertices)), 5)
+    offsets = sampling.ranked_offsets(0, len(vertices), 5)
     azimuths = sampling.fibonacci_azimuths(rays)
     sampling.shoot_at(occluder.origins[vertices], occluder.normals[vertices], azimuths, offsets, shot)
     hidden = np.unpackbits(seen.bits[0], axis=1, count=rays).astype(bool)
@@ -55,10 +55,9 @@ def test_bits_give_the_transfer_of_the_rays_to_the_bit(occluder, bands, rays):
     vertices = seen.neighbors.vertices
     origins, normals = occluder.origins[vertices], occluder.normals[vertices]
     model, rest = np.zeros((len(vertices), 4), np.float32), np.zeros((len(vertices), bands**2), np.float32)
-    shot = np.zeros((len(vertices), rays, 6), np.float32)
-    offsets = sampling.offsets_of_ranks(np.arange(len(vertices)), 2)
-    sampling.shoot_at(origins, normals, sampling.fibonacci_azimuths(rays), offsets, shot)
-    sampling.gather(shot, occluder.occluded(shot), normals, model, rest)
+    by_rank = trace(occluder, origins, normals, bands, rays, lambda part: offsets_by_rank(part, 2))
+    for part, (line, left) in by_rank:
+        model[part], rest[part] = line, left
     filtered = np.zeros((len(occluder.origins), bands**2), np.float32)
     filtered[vertices] = rest
     average(seen.neighbors, normals, model, filtered, rays, steps_for(rays, bands))

@@ -1,0 +1,86 @@
+"""Suns on bodies that move: a bit for every vertex, sun and body, of which a motion renews only those that it can
+reach."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from splat2mesh.base.arrays import Indices
+from splat2mesh.base.kernels import kernel
+from splat2mesh.base.threads import in_slices
+
+from ..light.suns import Suns
+from .bodies import Sight
+from .dynamic import DynamicTransfer
+from .reach import Beams
+from .sunlight import shining
+
+
+class DynamicSunlight:
+    """Exit radiance of the white vertices of a DynamicTransfer under suns: as `sunlight.sunlight`.
+
+    radiance: (V, 3) float32. A body that was too fast is lit where it was when its transfer was last computed.
+    """
+
+    def __init__(
+        self,
+        transfer: DynamicTransfer,
+        suns: Suns,
+    ) -> None:
+        """Trace all of them. Raises InputError for directions that are not unit vectors."""
+        self._directions, self._weights = shining(suns)
+        self._traced, self.radiance = transfer, np.zeros((len(transfer.transfer), 3), np.float32)
+        self._sights: dict[int, Sight] = {}
+        self._poses: dict[int, int] = {}
+        self.update()
+
+    def update(self) -> Indices:
+        """Follow the DynamicTransfer after its own update: the sorted rows of the radiance that may be new, (M,)."""
+        bodies = self._traced.lit
+        moved = [body for body in bodies if self._poses.get(body.number) != body.poses]
+        rows = [np.zeros(0, np.int64)]
+        for body in bodies:
+            if body in moved:
+                rays = Beams(body.node_origins, body.node_normals, self._directions)
+                self._sights[body.number] = Sight(body, rays, self._traced.bodies)
+            else:
+                self._sights[body.number].renew(moved)
+            sight = self._sights[body.number]
+            changed = sight.changed()
+            if not (changed.any() and len(self._directions)):
+                continue
+            nodes = np.flatnonzero(changed)
+            radiance = np.zeros((len(changed), 3), np.float32)
+            hidden = sight.hidden(nodes)
+            sight.summed_up(nodes, hidden)
+            lights = self._directions, self._weights
+            in_slices(_sum, len(nodes), nodes, body.node_normals, *lights, hidden, radiance)
+            own = np.flatnonzero(changed[body.rings.node])
+            self.radiance[body.rows[own]] = radiance[body.rings.node[own]]
+            rows.append(body.rows[own])
+        self._poses = {body.number: body.poses for body in bodies}
+        return np.sort(np.concatenate(rows))
+
+
+@kernel
+def _sum(
+    begin: int,
+    end: int,
+    nodes: NDArray[np.int64],
+    normals: NDArray[np.float32],
+    directions: NDArray[np.float32],
+    weights: NDArray[np.float64],
+    hidden: NDArray[np.uint8],
+    radiance: NDArray[np.float32],
+) -> None:
+    """Sums as in `sunlight._sum`, over the suns as they stand."""
+    for row in range(begin, end):
+        nx, ny, nz = normals[nodes[row]]
+        red, green, blue = 0.0, 0.0, 0.0
+        for s in range(len(directions)):
+            cosine = nx * directions[s, 0] + ny * directions[s, 1] + nz * directions[s, 2]
+            if cosine > np.float32(0) and not hidden[row, s >> 3] & (np.uint8(128) >> np.uint8(s & 7)):
+                red += weights[s, 0] * np.float64(cosine)
+                green += weights[s, 1] * np.float64(cosine)
+                blue += weights[s, 2] * np.float64(cosine)
+        out = nodes[row]
+        radiance[out, 0], radiance[out, 1], radiance[out, 2] = red, green, blue
