@@ -3,6 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from splat2mesh.base.errors import InputError
+
 from ..options import LightingOptions
 from ..transfer.nine import nine_and_tint, with_received
 from ..transfer.settings import BOUNCES, SHADOWS, Settings
@@ -18,7 +20,10 @@ def nine_coefficients(
     relighter: Relighter,
     albedo: NDArray[np.float32] | None,  # (V, 3) linear, None for white
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Grey coefficients (V, 9) and tint (V, 3) of every vertex, bounces included: see `transfer.nine.nine_and_tint`."""
+    """Grey coefficients (V, 9) and tint (V, 3) of every vertex, bounces included: see `transfer.nine.nine_and_tint`.
+
+    Raises InputError for a method that has no transfer.
+    """
     settings = _settings(relighter.options)
     if not settings.bounce_rays or albedo is None:
         transfer, _ = relighter.precomputed.transfer(settings)
@@ -29,6 +34,8 @@ def nine_coefficients(
 
 def _settings(options: LightingOptions) -> Settings:
     method, effects = options.fixed_method or "raytraced", options.chosen_effects
+    if method == "blinn-phong":
+        raise InputError("`live`: the method blinn-phong has no transfer; leave it at auto")
     if SHADOWS not in effects:
         return Settings("analytic" if method == "raytraced" else method, BANDS)
     return Settings(method, BANDS, options.rays or RAYS, bounce_rays=BOUNCE_RAYS if BOUNCES in effects else 0)

@@ -19,6 +19,7 @@ from ..transfer.checks import checked_albedo
 from ..transfer.precomputed import Precomputed
 from ..transfer.settings import BOUNCE_RAYS, Settings
 from ..transfer.transport import Transport
+from .blinnphong import blinn_phong
 from .direct import DirectLight, Geometry
 from .posed import PER_VERTEX, PosedGeometry, check_changes
 from .static import StaticGeometry
@@ -237,7 +238,7 @@ class Relighter:
             planner = self._planner if self.options.method in PLANNED else None
             settings = self._everything if planner is None else planner.settled(environment, tint)
         self._latest = settings
-        direct, suns, done = self._direct_light.shade(environment, settings)
+        direct, suns, done = self._direct(environment, settings)
         if not settings.bounce_rays or (self.options.fixed_effects is None and tint is None):
             return Shading(direct if tint is None else direct * tint, suns, [], done)
         radiance, bounces, matrix = self._with_bounces(direct, tint, settings)
@@ -268,7 +269,9 @@ class Relighter:
 
         settings: of a Shading in that light.
         """
-        return self._direct_light.shade(environment, settings)[0], self._direct_light.sunlight(environment, settings)
+        suns = settings.method != "blinn-phong"
+        sunlight = self._direct_light.sunlight(environment, settings) if suns else None
+        return self._direct(environment, settings)[0], sunlight
 
     def update(
         self, chunk: int, vertices: NDArray[np.floating], normals: NDArray[np.floating], seconds: float | None = None
@@ -339,6 +342,13 @@ class Relighter:
             albedo = checked_albedo(albedo_linear, int(self.precomputed.sizes.sum()))
             self._albedo = albedo_linear, None if (albedo == 1.0).all() else albedo
         return self._albedo[1]
+
+    def _direct(self, environment: "Environment", settings: Settings) -> tuple[NDArray[np.float32], int, Settings]:
+        """Direct light on the white scene, (V, 3) float32 and never negative; how many suns; the Settings as done."""
+        if settings.method != "blinn-phong":
+            return self._direct_light.shade(environment, settings)
+        with self.stages.stage("shade"):
+            return blinn_phong(self.scene.normals, environment), 0, settings
 
     def _lit(self, geometry: Geometry) -> DirectLight:
         return DirectLight(geometry, self.cache, self.stages)

@@ -22,7 +22,7 @@ from .sample import Sample
 VOLUME_PART = 0.35
 """Share of the tolerance for the number of directions on leaves and grass."""
 
-UNSHADOWED = ("analytic", "neural-gash")
+UNSHADOWED = ("analytic", "neural-gash", "blinn-phong")
 """Methods that trace nothing, and march through nothing."""
 
 SAMPLE_VERTICES = 384

@@ -7,7 +7,7 @@ a constant sky of radiance 1 an unoccluded vertex gives exactly 1. This module i
 
 from splat2mesh.base.errors import InputError
 
-METHODS = ("auto", "raytraced", "neural-gash", "analytic")
+METHODS = ("auto", "raytraced", "neural-gash", "analytic", "blinn-phong")
 
 DEFAULT_BANDS = 8
 DEFAULT_RAYS = 128

@@ -177,6 +177,8 @@ class SessionLighting:
     def _transfer(self, wish: LightWish) -> NDArray | None:
         relighter, plan = self._planned(wish)
         if plan is None:
+            if relighter.method == "blinn-phong":
+                return None
             return relighter.transfer
         transfer, done = relighter.precomputed.transfer(plan.settings)
         if done[:4] == self._transfer_sent:

@@ -89,7 +89,7 @@ def warm_up():
     scene, light = shape("ball-on-plane").scene, Environment.load("noon")
     albedo = np.full(scene.vertices.shape, 0.5, np.float32)
     Relighter(scene, tolerance=0.05).shade(light, albedo)
-    for method, rays in (("raytraced", 16), ("neural-gash", 0), ("analytic", 0)):
+    for method, rays in (("raytraced", 16), ("neural-gash", 0), ("analytic", 0), ("blinn-phong", 0)):
         bouncing = (8, 0.01) if method == "raytraced" else (0, 0.0)
         settings = Settings(method, 3, rays, None, 0.01 if rays else 0.0, *bouncing)
         Relighter(scene).shading(light, albedo, settings)
@@ -173,7 +173,7 @@ def measure(name, scene, albedo, lights, options, found):
 def transfers(options):
     """Settings of each transfer of the grid, without suns and bounces."""
     yield from (Settings("analytic", bands) for bands in (2, 3, 5))
-    yield Settings("neural-gash", 3)
+    yield from (Settings(method, 3) for method in ("blinn-phong", "neural-gash"))
     for bands in options.bands:
         yield from (Settings("raytraced", bands, rays) for rays in options.rays)
 
@@ -194,7 +194,7 @@ def lit(scene, albedo, lights, splits, transfer, options):
             chosen = settings._replace(sun_tolerance=suns)
             for light, environment in lights.items():
                 key = light, settings.bands, suns
-                if key not in splits:
+                if key not in splits and settings.method != "blinn-phong":
                     splits[key] = seconds_of(lambda e=environment, c=chosen: split_light(e, c, Cache()))[0]
                 seconds, shading = seconds_of(lambda e=environment, c=chosen: relighter.shading(e, albedo, c))
                 yield light, chosen, geometry + splits.get(key, 0.0) + seconds, shading.radiance

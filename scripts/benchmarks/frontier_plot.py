@@ -6,6 +6,7 @@ COLORS = {
     "raytraced": "#1f5fa8",
     "neural-gash": "#8a3ea8",
     "analytic": "#3a8f4d",
+    "blinn-phong": "#9a9a9a",
 }
 PLAN_COLOR = "#c22f2f"
 PLAN_LABEL = {"textcoords": "offset points", "color": PLAN_COLOR, "weight": "bold"}
