@@ -170,6 +170,7 @@ def parser() -> argparse.ArgumentParser:
     budget = "replaces the tolerance: the most accurate light in this time"
     add("--budget", type=float, dest="budget_s", metavar="SECONDS", help=budget)
     add("--plan", action="store_true", help="print what the command would do and what accuracy costs here; do nothing")
+    add("--plot", metavar="FILE.png", help="with --plan: draw what accuracy costs here, and the choice")
     add(
         "--no-cache",
         dest="caching",

@@ -171,7 +171,7 @@ def _done(
     stages = Stages(display.progress, display.tell)
     try:
         if hasattr(words, "plan"):
-            return _planned(request, stages)
+            return _planned(request, stages, getattr(words, "plot", None))
         if port is not None:
             return _served(request, port, stages)
         if hasattr(words, "view") or hasattr(words, "screenshot"):
@@ -203,13 +203,26 @@ def _check_session(words: argparse.Namespace, port: int | None) -> None:
         raise InputError("--quick: it writes files, and shows neither a plan nor a session")
     if port is not None and (hasattr(words, "view") or not 0 <= port <= MOST_PORT):
         raise InputError(f"--serve {port or ''}: expected a port up to {MOST_PORT}, and no --view beside it")
+    plot = getattr(words, "plot", None)
+    if plot is not None and (not hasattr(words, "plan") or Path(plot).suffix.lower() != ".png"):
+        raise InputError(f"--plot {plot}: expected a name that ends with .png, beside --plan")
     if getattr(words, "screenshot", None):
         from .output.mesh_files import check_image
 
         check_image(words.screenshot)
 
 
-def _planned(request: RelightRequest, stages: Stages) -> tuple[list[str], Any]:
+def _plotted(report: Any, path: Path) -> str:
+    """Draw the curve of a plan: a line of the summary. Raises InputError where nothing was planned."""
+    from .planning.plot import plot_plan
+
+    if report.plan is None:
+        raise InputError(f"--plot {path}: there is no curve to draw: {report.note or 'nothing to plan'}")
+    plot_plan(path, report.plan, f"{report.plan.vertices:,} sampled vertices, {report.plan.rays:,} rays")
+    return f"{path}: what accuracy costs here"
+
+
+def _planned(request: RelightRequest, stages: Stages, plot: str | None) -> tuple[list[str], Any]:
     from .api import plan_relight
 
     try:
@@ -217,6 +230,8 @@ def _planned(request: RelightRequest, stages: Stages) -> tuple[list[str], Any]:
     except InputError as error:
         raise InputError(f"--plan: {error}") from error
     lines = report.table()
+    if plot is not None:
+        lines.append(_plotted(report, Path(plot)))
     pictures = {
         LAMPS_PICTURE: (report.lamps_picture, "its lamps by number, for --lamps 1=off,2=0.5"),
         NORTH_PICTURE: (report.north_picture, "an arrow to the north, for --north"),
