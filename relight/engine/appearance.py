@@ -13,7 +13,6 @@ from splat2mesh.base.inputs import load_array
 from splat2mesh.scene.measured import CapturedSky
 from splat2mesh.scene.scene import Scene
 
-from ..albedo.check import drawn_to_none
 from ..albedo.interior import closed_part, room_notice
 from ..albedo.seen import looks_from, standing
 from ..albedo.skylight import LEAST_VISIBLE, visible_part
@@ -31,7 +30,7 @@ CHOICES = ("estimated", "captured", "white")
 
 LEAST_ALBEDO = 0.02  # to divide by
 
-WAY = 23
+WAY = 24
 """Version of the estimate of light and albedo. It increases when the numbers change, and invalidates cached
 estimates."""
 
@@ -55,17 +54,15 @@ class Appearance(NamedTuple):
 
     irradiance: (V, 3) float32, the captured light at every vertex, in the unit of `captured`; without an
     estimate, the captured colour over the albedo. prior: of `albedo.albedo_of`, for other colours of the scene, or
-    None. capture: dict for the report, None without an estimate. trust: (V,) in [0, 1], the share of a change of light
-    that each vertex of a splat takes; None for all of it. place: what the capture is. room: the Room of
-    a closed room whose lamps and windows were separated, or None. environment: the estimated captured light, in the
-    unit of `captured` and the frame of the scene, or None."""
+    None. capture: dict for the report, None without an estimate. place: what the capture is. room: the Room of a closed
+    room whose lamps and windows were separated, or None. environment: the estimated captured light, in the unit of
+    `captured` and the frame of the scene, or None."""
 
     albedo: NDArray[np.float32] | None
     captured: NDArray[np.float32]
     irradiance: NDArray[np.float32]
     prior: "Prior | None" = None
     capture: dict[str, Any] | None = None
-    trust: NDArray[np.float32] | None = None
     place: Place = Place.OPEN
     room: "Room | None" = None
     environment: "Environment | None" = None
@@ -78,16 +75,13 @@ class Appearance(NamedTuple):
     def received(self, radiance: NDArray[np.float32], exposure: float = 1.0) -> NDArray[np.float32]:
         """(V, 3) float32 irradiance of vertices with exit radiance (V, 3): the radiance over the albedo.
 
-        Where the estimate is not trusted, it moves towards the captured irradiance. Where splats and textures stay as
-        captured, it is the irradiance that this exposure shows unchanged.
+        Where splats and textures stay as captured, it is the irradiance that this exposure shows unchanged.
         """
         if self.as_captured:
             return self.irradiance / np.float32(exposure)
         if self.albedo is not None:
             radiance = np.asarray(radiance / np.maximum(self.albedo, np.float32(LEAST_ALBEDO)), np.float32)
-        if self.trust is None:
-            return radiance
-        return drawn_to_none(self.irradiance, radiance, self.trust)
+        return radiance
 
 
 def appearance_of(
@@ -153,8 +147,7 @@ def _without_light(
     if kept["closed"]:
         described["room"] = None if room is None else room.report
     check = {name: round(float(kept[name]), 3) for name in _CHECKED if name in kept}
-    trust = kept["trust"] if kept["under_sky"] else None  # of objects and rooms it was not measured
-    look = Appearance(kept["albedo"], captured, kept["irradiance"], prior, described | check, trust)
+    look = Appearance(kept["albedo"], captured, kept["irradiance"], prior, described | check)
     sky = room.environment if room is not None else None
     if room is None:
         sky = Environment(kept["environment"], "captured", float(kept["light_turn"]))
@@ -183,7 +176,7 @@ def _checked_estimate(kept: dict[str, Any], shape: tuple[int, ...]) -> dict[str,
     """The estimate in cached arrays. Raises KeyError or ValueError where something is missing or does not fit."""
     from ..albedo import Prior
 
-    names = ("separable", "reason", "under_sky", "closed", "self_relight_db", "distrusted_share", "trust", *_DESCRIBED)
+    names = ("separable", "reason", "under_sky", "closed", *_DESCRIBED)
     for name in (*names, *(f"prior_{name}" for name in Prior._fields)):
         kept[name]  # or a KeyError
     if "room_environment" not in kept and kept["light_turn"].shape:
@@ -258,7 +251,7 @@ def _of_objects(
         alone = Relighter(Scene(scene.chunks[first:last]), seed=relighter.seed, stages=relighter.stages)
         parts.append(_estimated(captured[ends[first] : ends[last]], capture_env, alone, relighter.said))
     kept = dict(max(parts, key=lambda part: len(part["albedo"])))
-    for name in ("albedo", "irradiance", "trust"):
+    for name in ("albedo", "irradiance"):
         kept[name] = np.concatenate([part[name] for part in parts])
     failed = [each["name"] for each, part in zip(objects, parts, strict=True) if not part["separable"]]
     if failed:
@@ -273,7 +266,6 @@ def _estimated(
     said: "Said",
 ) -> dict[str, Any]:
     from ..albedo import CaptureEvidence, estimate, with_known_light
-    from ..albedo.check import self_relight
     from ..albedo.offered import offer_lights
     from ..transfer.bounces import visible_fraction
 
@@ -281,7 +273,6 @@ def _estimated(
     with relighter.stages.stage("albedo"):
         scene, sky = relighter.scene, sky_of(relighter.scene)
         looks = looks_from(scene, relighter.occluder)
-        seen = None if looks is None else looks.sizes(len(captured))
         part, hopeless = closed_part(scene, relighter.occluder, visible_fraction(known.transfer)), ""
         if part is not None:
             from ..rooms.keeping import as_arrays
@@ -300,9 +291,7 @@ def _estimated(
             part, evidence = None, CaptureEvidence(sky, looks, said=said)
             asked = relighter.occluder, captured, capture_env, relighter.seed
             found = with_known_light(*asked, transport=known, evidence=evidence)
-        check = self_relight(relighter.occluder, captured, found, known.interreflection, seen)
     return {
-        **check,
         "under_sky": np.array(found.under_sky),
         "light_doubt_db": np.array(found.doubt_db),
         "closed": np.array(part is not None),
@@ -315,7 +304,7 @@ def _estimated(
     }
 
 
-_CHECKED = ("self_relight_db", "mesh_self_relight_db", "distrusted_share", "light_doubt_db")
+_CHECKED = ("self_relight_db", "light_doubt_db")
 
 _DESCRIBED = ("separable", "reason", "evidence", "direction", "concentration", "color", "brightness")
 

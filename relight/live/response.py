@@ -61,9 +61,6 @@ def response_of(
     """
     captured, before = appearance.captured, appearance.irradiance
     own, usual = linear_parts(captured, before)
-    if appearance.trust is not None:  # as `drawn_to_none`, of which this is the linear part
-        trust = appearance.trust[:, None].astype(np.float64)
-        own, usual = own * trust, usual * trust + 1.0 - trust
     weight = shares / np.maximum(shares @ before, 1e-12)[:, None]  # (3, V): of vertices in the light ratio of the scene
     albedo = np.ones(captured.shape, np.float32) if appearance.albedo is None else appearance.albedo
     bright = np.maximum(albedo, np.float32(LEAST_ALBEDO))  # the divisor of relit splats

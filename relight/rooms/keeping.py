@@ -50,7 +50,6 @@ def as_arrays(room: Room, reason: str) -> dict[str, NDArray[Any]]:
         "color": mean / bright if bright > 1e-12 else np.ones(3),
         "brightness": room.brightness,
         "self_relight_db": room.report["self_relight_db"],
-        "distrusted_share": 0.0,
         "trust": room.trust,
         "under_sky": False,
         "closed": True,

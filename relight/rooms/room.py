@@ -10,7 +10,6 @@ from splat2mesh.scene.color import luminance, srgb_from_linear
 from splat2mesh.scene.scene import Scene
 
 from ..albedo import samples
-from ..albedo.check import trust_in
 from ..albedo.division import Prior, albedo_of, prior_of
 from ..albedo.interior import within
 from ..light.environment import Environment
@@ -20,6 +19,7 @@ from . import lamps, received, strengths
 from .evenness import Evenness
 from .pointing import lamps_at
 from .seen import below_ceiling, seen_from
+from .trust import trust_in
 from .windows import WindowLight, capture_light, direct_light
 
 LEAST_EVIDENCE = 0.5
@@ -40,9 +40,6 @@ LEAST_SEEN = 0.3
 
 AVERAGING_ROUNDS = 6
 """Rounds in which the light of a lamp is averaged over neighbours: scans of rooms have noisy normals."""
-
-DOUBT = 0.7
-"""Like `albedo.check.DOUBT`, for rooms: with 0.35 a trained parlour lost 0.6 dB, with 0.9 a lounge 0.2."""
 
 
 class Room(NamedTuple):
@@ -290,7 +287,7 @@ def _lit(
     decibels = round(float(-10.0 * np.log10(max(error, 1e-10))), 2)
     level = float((judged @ captured).sum() / max(float((judged @ modelled).sum()), 1e-12))
     bright = glowing | (captured.max(axis=1) > lamps.PALE)  # lamps and their overexposed surroundings are not modelled
-    trust = trust_in(np.where(bright[:, None], captured, level * modelled), captured, faces, DOUBT)
+    trust = trust_in(np.where(bright[:, None], captured, level * modelled), captured, faces)
     arrays = {"albedo": albedo, "irradiance": captured / albedo, "by_lamps": by_lamps, "glow": glow, "prior": prior}
     arrays |= {"lamp_light": each, "lamp_of": lamp_of}
     return {**arrays, "trust": trust, "self_relight_db": decibels}

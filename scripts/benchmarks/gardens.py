@@ -1,9 +1,8 @@
 """Generated gardens and nooks, relit by both commands, against the unchanged file: where relighting loses.
 
 One row for each place, seed and light: PSNR with one gain for each colour of the unchanged splats and of ours, against
-the same splats in their true colours, and what the report says of its own estimate. --fades also tries changes of light
-that are drawn towards none, all over the scene. Rows are kept in rows.jsonl of the folder of scenes: a second call goes
-on where the first one ended.
+the same splats in their true colours, and what the report says of its own estimate. Rows are kept in rows.jsonl of the
+folder of scenes: a second call goes on where the first one ended.
 """
 
 import json
@@ -34,9 +33,6 @@ def arguments(parser):
     parser.add_argument("--kinds", nargs="+", default=["garden", "nook"])
     parser.add_argument("--splats", type=int, default=30_000)
     parser.add_argument("--lights", type=int, default=3, metavar="N", help="the first N lights only")
-    parser.add_argument(
-        "--fades", type=float, nargs="*", default=[], help="shares of the change of light, such as .75 .5"
-    )
     parser.add_argument("--data", type=Path, default=GROUND_TRUTH, help="folder whose env holds more lights")
     parser.add_argument("--scenes", type=Path, default=Path(tempfile.gettempdir()) / "bench_gardens")
 
@@ -44,8 +40,7 @@ def arguments(parser):
 def run(options, report):
     options.scenes.mkdir(parents=True, exist_ok=True)
     columns = {"place": "<22", "light": "<10", "unchanged": ".2f", "ours": ".2f", "gain": ".2f"}
-    columns |= {f"fade_{fade:g}": ".2f" for fade in options.fades}
-    columns |= dict.fromkeys(("self_db", "evidence", "change"), ".2f")
+    columns |= dict.fromkeys(("evidence", "change"), ".2f")
     table = report.table(**columns)
     file = options.scenes / "rows.jsonl"
     there = [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
@@ -75,7 +70,7 @@ def rows(kind, seed, options, there):
     names = [name for name in LIGHTS[rich] if name != sky][:3]
     place, known = f"{kind}{seed}-{sky}-{options.splats // 1000}k", {}
     for row in there:
-        if row["place"] == place and all(f"fade_{fade:g}" in row for fade in options.fades):
+        if row["place"] == place:
             known[row["light"]] = row
     wanted, job, truth = names[: options.lights], None, None
     for name in wanted:
@@ -86,27 +81,20 @@ def rows(kind, seed, options, there):
             truth = generated(kind, seed, sky, names, options.scenes, options.splats, options.data, "draft")
         light = truth.lights[name]
         job = job.under(light) if job else Job(RelightRequest(truth.folder, light, formats=("splat",)))
-        yield {"place": place, "light": name, **measured(job, truth, name, options.fades)}
+        yield {"place": place, "light": name, **measured(job, truth, name)}
 
 
-def measured(job, truth, name, fades):
+def measured(job, truth, name):
     """The scores of one light, and its entries in the report."""
     shaded, look = next(iter(job.shaded())), job.known.appearance
     unchanged = psnr(*truth.pictures.pixels(job.inputs.splats[0], name)).psnr_wb
     ours = psnr(*truth.pictures.pixels(Writer(job).relit_splats(shaded), name)).psnr_wb
     row = {"unchanged": unchanged, "ours": ours, "gain": ours - unchanged}
-    for fade in fades:
-        trust = np.full(len(look.captured), fade, np.float32) * (1.0 if look.trust is None else look.trust)
-        job.__dict__["appearance"] = look._replace(trust=trust)
-        row[f"fade_{fade:g}"] = psnr(*truth.pictures.pixels(Writer(job).relit_splats(shaded), name)).psnr_wb
-    job.__dict__["appearance"] = look
     capture = look.capture or {}
     return row | {
         "change": change(look, shaded),
         "evidence": float(np.mean(capture["evidence"])),
-        "self_db": capture["self_relight_db"],
-        **{key: capture[key] for key in ("mesh_self_relight_db", "distrusted_share", "brightness", "concentration")},
-        "under_sky": look.trust is not None,
+        **{key: capture[key] for key in ("brightness", "concentration")},
         "kept": look.as_captured,
     }
 

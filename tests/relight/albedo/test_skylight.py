@@ -6,7 +6,6 @@ from captured_scenes import given, lamp_light, objects, patchy, photographed
 
 from relight import Environment
 from relight.albedo import estimate, skylight
-from relight.albedo.check import drawn_to_none, self_relight
 from relight.albedo.fitted import FITTED
 from relight.light.projections import row_solid_angles, texel_directions
 from relight.sh.sphere import fibonacci_sphere
@@ -110,28 +109,3 @@ def test_parts_of_directions_share_the_whole_sky():
     areas = row_solid_angles(64, 128).reshape(-1, 1, 1)
     mean = ((bound * sky.radiance + sky.clipped) * areas).sum(axis=(0, 1)) / (areas.sum() * 128)
     np.testing.assert_allclose(parts.known.mean(axis=0), mean, rtol=0.02)  # cells are not quite of one size
-
-
-# -- the check
-
-
-def test_a_scene_relit_by_its_own_light_comes_back(scene):
-    geometry, albedo = scene
-    light = Environment(0.15 * lamp_light().radiance, "dim")
-    captured = photographed(geometry, albedo, light)
-    found = estimate(geometry[0], captured, **given(geometry, sky=photographed_sky(light)))
-    check = self_relight(geometry[0], captured, found, geometry[2])
-    assert check["self_relight_db"] > 34.0
-    assert np.median(check["trust"]) > 0.98
-    assert check["distrusted_share"] < 0.02
-
-
-def test_trust_of_one_changes_no_bit_and_none_leaves_the_place_as_bright_as_the_scene():
-    rng = np.random.default_rng(0)
-    before = rng.uniform(0.2, 2.0, (50, 3)).astype(np.float32)
-    after = (3.0 * before).astype(np.float32)
-    np.testing.assert_array_equal(drawn_to_none(before, after, np.ones(50, np.float32)), after)
-    np.testing.assert_allclose(drawn_to_none(before, after, np.zeros(50, np.float32)), 3.0 * before, rtol=1e-5)
-    lost = drawn_to_none(before, after * rng.uniform(0.1, 9.0, (50, 3)), np.zeros(50, np.float32))
-    ratio = lost / before
-    np.testing.assert_allclose(ratio, ratio[0, 0], rtol=1e-4)

@@ -8,7 +8,6 @@ from lit_rooms import room
 
 from relight import Environment, LightingOptions, Relighter
 from relight.albedo import samples
-from relight.albedo.check import DOUBT, trust_in
 from relight.albedo.interior import within
 from relight.engine.appearance import Place
 from relight.engine.relit_room import RelitRoom
@@ -16,6 +15,7 @@ from relight.jobs.job import Job
 from relight.request import RelightRequest
 from relight.rooms import lamps
 from relight.rooms.seen import seen_from
+from relight.rooms.trust import DOUBT, trust_in
 from relight.transfer.occluder import Frame, Occluder
 from relight.transfer.store import Cache
 from scenes.radiosity import light
@@ -77,13 +77,13 @@ def test_where_nothing_changes_the_room_is_as_captured():
 def under(env, **wishes):
     """Radiance (V, 3) of the closed box under a light, with wishes for its lamp and ceiling."""
     relighter = Relighter(room()[0], tolerance=0.1, **wishes)
-    look = kept_on()[0].appearance._replace(place=Place.ROOM)
+    look = kept_on()[0].known.appearance._replace(place=Place.ROOM)
     return RelitRoom(look, relighter, 1.0).shading(Environment.load(env)).radiance
 
 
 def test_what_a_session_shows_of_a_room_is_what_is_written_of_it():
     relighter = Relighter(room()[0], tolerance=0.1, lamps=0.5)
-    look = kept_on()[0].appearance._replace(place=Place.ROOM)
+    look = kept_on()[0].known.appearance._replace(place=Place.ROOM)
     place = RelitRoom(look, relighter, 2.0)
     written = place.shading(Environment.load("overcast"))
     _, by_lamps = place.session()
@@ -150,7 +150,7 @@ def test_what_windows_let_in_of_the_captured_light_is_kept_and_a_broken_one_is_m
 
 def test_methods_without_shadows_say_that_walls_hide_nothing():
     scene = room("one-window")[0]
-    look = kept_on()[0].appearance._replace(place=Place.ROOM)
+    look = kept_on()[0].known.appearance._replace(place=Place.ROOM)
     look = look._replace(captured=scene.colors_linear, room=None)
     for method in ("analytic", "neural-gash"):
         with pytest.warns(DataWarning, match=f"`method` {method} knows no shadows"):

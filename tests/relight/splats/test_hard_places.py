@@ -52,7 +52,7 @@ def relit(kind, env="sunset", **known):
     place, made, scene = captured(kind)
     sky = Environment.load(env)
     job = Job(RelightRequest(scene, sky, LightingOptions(tolerance=0.2), albedo="estimated", caching="none", **known))
-    shaded, look = next(iter(job.shaded())), job.appearance
+    shaded, look = next(iter(job.shaded())), job.known.appearance
     after = look.received(shaded.shading.radiance * np.float32(made.exposure))
     found = Binding(made.splats, scene, views=()).relit(look.irradiance, after)
     shown = made.splats, found, made.lit(light(place, sky))
