@@ -207,7 +207,7 @@ def _check_session(words: argparse.Namespace, port: int | None) -> None:
     if plot is not None and (not hasattr(words, "plan") or Path(plot).suffix.lower() != ".png"):
         raise InputError(f"--plot {plot}: expected a name that ends with .png, beside --plan")
     if getattr(words, "screenshot", None):
-        from .output.mesh_files import check_image
+        from .output.images import check_image
 
         check_image(words.screenshot)
 
@@ -238,7 +238,7 @@ def _planned(request: RelightRequest, stages: Stages, plot: str | None) -> tuple
     }
     for name, (picture, what) in pictures.items():
         if picture is not None:
-            from .output.mesh_files import write_png
+            from .output.images import write_png
 
             path = Path(request.output or _picture_folder(str(request.scene))) / name
             path.parent.mkdir(parents=True, exist_ok=True)

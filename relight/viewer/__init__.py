@@ -47,7 +47,7 @@ def view(
     side. With `screenshot` no window opens: the picture is written when its light is complete. Raises InputError for
     input that cannot be used, and for a missing display.
     """
-    from ..output.mesh_files import check_image, write_image
+    from ..output.images import check_image, write_image
     from .session import Session
     from .window import SIZE, Window, in_notebook, load_pyvista
 

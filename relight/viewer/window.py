@@ -13,7 +13,7 @@ from vtkmodules.vtkInteractionStyle import vtkInteractorStyleUser
 
 from splat2mesh.base.errors import InputError
 
-from ..output.mesh_files import write_png
+from ..output.images import write_png
 from ..output.preview import default_camera
 from .camera import Orbit
 from .controls import CONTROLS
