@@ -35,9 +35,9 @@ _GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 class Preview:
     """A camera in front of a scene. Its rays are cast once, for pictures under any number of lights.
 
-    The scene shows its vertices' radiance on both sides of a face; where a ray misses it, the environment
-    shows, sharp and at the same exposure. `camera` is the one in use: the given one, the scene's or
-    `default_camera`, a dict of eye, target, up ((3,) scene frame) and horizontal fov_deg; `view` is it as a View in the scene frame, `caster` the RayCaster of the scene.
+    The scene shows its vertices' radiance on both sides of a face; where a ray misses it, the environment shows, sharp
+    and at the same exposure. `camera`, a dict of eye, target, up ((3,) scene frame) and horizontal fov_deg, is the one
+    in use: the given one, the scene's or `default_camera`. `view` is it as a View, `caster` the RayCaster of the scene.
     Raises InputError for an impossible camera or picture size.
     """
 

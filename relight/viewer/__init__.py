@@ -3,15 +3,9 @@
     from relight.viewer import view
     view(scene, "sunset")
 
-Modules: `request` the requests, `session` state and light, `answers` the worker's results, `worker` and `lighting`
-the heavy work in a process of its own, `modes` the colours of the surface, `splats` and `splat_painter` relit splats in
-its place, `controls` the keys, `mouse` the mouse, `window`, `stage`, `panel` and `camera` the drawing by VTK,
-`recording`
-films, `session_view` and `window_view` the types by which parts see the whole. Added lamps: `editing` the calls from
-Python, `history` undo, `lamp_board` their states, `lamp_bench` their light, `lamp_source` the engine behind it,
-`lamp_tool` the hand on them. Objects: `object_bench`, `object_light`, `object_source` and `object_tool` likewise.
-The captured light by hand: `hand_bench` its albedo, `hand_source` the engine behind it,
-`hand_tool` the mouse, `hand_panel` its maps.
+`session` holds what the user set; `answers`, `worker` and `lighting` do the heavy work in a process of its own; `window`,
+`stage` and `panel` draw. What a hand changes (lamps, objects, the captured light) has a tool under the mouse, a bench
+for its light while it changes, and the engine behind it in `sources`.
 """
 
 import os
