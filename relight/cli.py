@@ -188,7 +188,6 @@ def _done(
         *_cleaned(done.reports[0]),
         *_assumed(done.job),
         *_lamps(done.job),
-        *(_frontal(done.job) if len(done.folders) == 1 else []),
         *_costs(done.job),
     ]
     if display.verbose:
@@ -321,20 +320,6 @@ def _lamps(job: "Job") -> list[str]:
     if job.mix.captured_factor != 1.0:
         lines.append(f"  {job.mix.captured_factor:.0%} of the captured light stays; exposed as the capture was")
     return lines
-
-
-def _frontal(job: "Job") -> list[str]:
-    """The line of the summary on a light whose shadows fall behind what the preview shows."""
-    asked = job.request
-    if "png" not in job.inputs.formats or job.room or job.light_kind.adds or not isinstance(asked.env, str):
-        return []
-    from .output.frontal import side_angle
-    from .output.preview import default_camera
-
-    angle = side_angle(job.lights[0], job.known.scene.preview_camera or default_camera(job.known.scene))
-    if angle is None:
-        return []
-    return [f"  the light stands behind the viewer of the preview: --rotate {angle:g} brings it to the side"]
 
 
 def _costs(job: "Job") -> list[str]:
