@@ -118,12 +118,12 @@ def record_turntable(
     from .window import IDLE_SECONDS, Window, load_pyvista
 
     turn, wishes = Turntable.of(turn, wishes)
-    check_film(path, turn.frames, turn.what, turn.overwrite)
+    check_film(path, turn)
     load_pyvista(True)
     session = Session(SessionRequest.of(scene, environment, options, **wishes))
     try:
         window = Window(session, turn.size, off_screen=True)
-        window.record(path, frames=turn.frames, what=turn.what, panel=turn.panel, overwrite=turn.overwrite)
+        window.record(path, turn)
         while window.recording:
             if not window.tick():
                 time.sleep(IDLE_SECONDS)
