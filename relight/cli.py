@@ -188,7 +188,6 @@ def _done(
         *_cleaned(done.reports[0]),
         *_assumed(done.job),
         *_lamps(done.job),
-        *(_frontal(done.job) if len(done.folders) == 1 else []),
         *_costs(done.job),
     ]
     if display.verbose:
@@ -207,7 +206,7 @@ def _check_session(words: argparse.Namespace, port: int | None) -> None:
     if plot is not None and (not hasattr(words, "plan") or Path(plot).suffix.lower() != ".png"):
         raise InputError(f"--plot {plot}: expected a name that ends with .png, beside --plan")
     if getattr(words, "screenshot", None):
-        from .output.mesh_files import check_image
+        from .output.images import check_image
 
         check_image(words.screenshot)
 
@@ -238,7 +237,7 @@ def _planned(request: RelightRequest, stages: Stages, plot: str | None) -> tuple
     }
     for name, (picture, what) in pictures.items():
         if picture is not None:
-            from .output.mesh_files import write_png
+            from .output.images import write_png
 
             path = Path(request.output or _picture_folder(str(request.scene))) / name
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -321,20 +320,6 @@ def _lamps(job: "Job") -> list[str]:
     if job.mix.captured_factor != 1.0:
         lines.append(f"  {job.mix.captured_factor:.0%} of the captured light stays; exposed as the capture was")
     return lines
-
-
-def _frontal(job: "Job") -> list[str]:
-    """The line of the summary on a light whose shadows fall behind what the preview shows."""
-    asked = job.request
-    if "png" not in job.inputs.formats or job.room or job.light_kind.adds or not isinstance(asked.env, str):
-        return []
-    from .output.frontal import side_angle
-    from .output.preview import default_camera
-
-    angle = side_angle(job.lights[0], job.known.scene.preview_camera or default_camera(job.known.scene))
-    if angle is None:
-        return []
-    return [f"  the light stands behind the viewer of the preview: --rotate {angle:g} brings it to the side"]
 
 
 def _costs(job: "Job") -> list[str]:

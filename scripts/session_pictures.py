@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from relight.light.environment import Environment
-from relight.output.mesh_files import write_image
+from relight.output.images import write_image
 from relight.viewer import view
 from splat2mesh.scene.color import linear_from_srgb
 from splat2mesh.scene.scene import Scene

@@ -19,7 +19,7 @@ from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene
 
 from ..light.tonemap import auto_exposure
-from ..output.mesh_files import write_png
+from ..output.images import write_png
 from ..output.preview import Preview, default_camera
 
 if TYPE_CHECKING:
@@ -72,7 +72,7 @@ class Shot:
 def animate(
     animation: "Animation",
     radiance_of: Callable[[Scene, float], Radiance],  # of each frame's Scene and time in s: (V, 3) linear radiance
-    environment: "Environment",  # shown behind; see `preview.render_preview`
+    environment: "Environment",  # shown behind; see `Preview.render`
     asked: FilmRequest,
     shot: Shot = Shot(),
     advance: Callable[[int], Any] = lambda count: None,

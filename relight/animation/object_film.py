@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from splat2mesh.base.outputs import check_output, staged_folder
 
 from ..insert.inserts import InsertedLight, Inserts
-from ..output.mesh_files import write_png
+from ..output.images import write_png
 from .acting import Acting
 from .film import MARKER, FilmRequest, Frames, encode, frame_times
 

@@ -29,9 +29,8 @@ from ..light.environment import Environment
 from ..output.kinds import FILES, SHEET
 from ..request import AnyLight, RelightRequest
 from .earlier_results import check_results, is_first_look, is_results, settings_of
-from .first_look import RELIT, discard, has_first_look, refuse
+from .first_look import RELIT, discard, has_first_look, refuse, write_first_looks
 from .job import Job
-from .look_writer import write_first_looks
 from .meshing import SceneAtHand, existing_scene, is_splat, refuse_meshing, scene_at_hand
 from .writer import Writer
 
@@ -110,7 +109,7 @@ def _first_looks(request: RelightRequest, stages: Stages) -> RelitFiles:
     capture = capture_of(request.scene, request.meshing, stages)
     splat = request.formats is None or "splat" in request.formats
     try:
-        reports = _write_looks(request, capture, _with_lights(folders, lights, request), stages, splat)
+        reports = write_first_looks(request, capture, _with_lights(folders, lights, request), stages, splat)
     except InputError as error:
         raise InputError(f"`quick`: {request.scene}: {error}") from error
     found = RelitFiles(folders, reports)
@@ -132,14 +131,9 @@ def _look_ahead(request: RelightRequest, stages: Stages) -> tuple[Capture | None
     if is_results(folder) and not is_first_look(folder):
         return capture, None  # final results are replaced by final ones
     with contextlib.suppress(InputError):  # a closed room is shown when it is meshed
-        _write_looks(request, capture, _with_lights([folder], lights, request), stages, False)
+        write_first_looks(request, capture, _with_lights([folder], lights, request), stages, False)
         stages.notify(f"{folder / FILES['png']}: a first look; meshing goes on, and the final picture replaces it")
     return capture, folder
-
-
-def _write_looks(*arguments: Any) -> list[dict[str, Any]]:
-    """`look_writer.write_first_looks`, which a mesh does not need."""
-    return write_first_looks(*arguments)
 
 
 def _with_lights(

@@ -29,7 +29,7 @@ from ..insert.splat_insert import splat_object
 from ..light import CAPTURED
 from ..light.environment import Environment
 from ..light.loading import light_of
-from ..output.pass_views import moved_view
+from ..output.pass_files import moved_view
 from ..request import RelightRequest
 from ..splats import Binding
 from ..splats.closed_floor import closed_floor

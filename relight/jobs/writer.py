@@ -105,10 +105,8 @@ class Writer:
 
         def finish(staging: Path, written: Frames) -> None:
             frames.close()  # the report includes their seconds
-            report.update(report_of(job, Shaded(light, shading, written.exposure)))
-            report.update({"animation": animation.name, "frames": written.frames, "fps": fps})
-            report["files"] = [f"{number:04d}.png" for number in range(written.frames)] + [FILM] * written.film
-            self._write_report(staging, report)
+            shaded = Shaded(light, shading, written.exposure)
+            report.update(self._report_film(staging, shaded, written, {"animation": animation.name, "fps": fps}))
 
         report: dict[str, Any] = {}
         exposure = None if job.request.exposure_ev is None else 2.0**job.request.exposure_ev
@@ -133,10 +131,7 @@ class Writer:
 
         def finish(staging: Path, written: Frames) -> None:
             frames.close()
-            report.update(report_of(job, shaded))
-            report.update({"animation": acting.name, "frames": written.frames, "fps": fps})
-            report["files"] = [f"{number:04d}.png" for number in range(written.frames)] + [FILM] * written.film
-            self._write_report(staging, report)
+            report.update(self._report_film(staging, shaded, written, {"animation": acting.name, "fps": fps}))
 
         with ExitStack() as frames:
             written = film_objects(
@@ -149,6 +144,13 @@ class Writer:
                 finish,
             )
         return written.note, report
+
+    def _report_film(self, staging: Path, shaded: Shaded, written: Frames, more: dict[str, Any]) -> dict[str, Any]:
+        """Write the report of a film, and return it."""
+        report = report_of(self.job, shaded) | more | {"frames": written.frames}
+        report["files"] = [f"{number:04d}.png" for number in range(written.frames)] + [FILM] * written.film
+        self._write_report(staging, report)
+        return report
 
     @cached_property
     def _results(self) -> Results:

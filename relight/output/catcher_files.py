@@ -17,10 +17,10 @@ from splat2mesh.splats.formats.ply import Ply
 from splat2mesh.splats.splats import SH_C0, Splats
 
 from ..splats import write_relit_ply
+from .images import write_exr
 from .inserted_picture import camera_of
 from .kinds import FILES, PICTURE_SIZE
 from .picture import RelitPicture
-from .probe_files import write_exr
 
 if TYPE_CHECKING:
     from ..insert.inserts import InsertedLight
@@ -49,7 +49,7 @@ def write_catcher(
     file that they were read from, where it is one.
     """
     _write_splats(folder / FILES["catcher"], relit, ratios(without, relit), source)
-    picture = RelitPicture(scene, camera_of(inserted, scene), *PICTURE_SIZE, samples=1)
+    picture = RelitPicture(scene, camera_of(inserted, scene), PICTURE_SIZE, samples=1)
     write_exr(folder / PICTURE, {"RGB": seen_ratio(picture.seen(without), picture.seen(relit))})
     return [FILES["catcher"], PICTURE]
 

@@ -14,14 +14,14 @@ from ..engine.nine import nine_coefficients
 from ..light.captured import CapturedLight
 from ..splats import albedo_splats, normals_of, shown_as_sky, write_relit_ply
 from .kinds import FILES
-from .lamps_glb import PlacedLamps
+from .lamps_glb import ShownLight
 from .live_glb import FILE, write_live_glb
 from .proxy import PLAYCANVAS_FROM_SPLAT, write_proxy_glb
 from .splat_glb import write_splat_glb
 from .subject import LitFolder, WrittenScene
 
 if TYPE_CHECKING:
-    from ..light.environment import Environment
+    pass
 
 PROXY, COLLISION = "proxy.glb", "albedo_splat.collision.glb"
 
@@ -37,9 +37,9 @@ class EngineFiles:
     def write(self, into: LitFolder) -> list[str]:
         """Write the files of one light; returns their names."""
         written, shaded, kinds = self._written, into.shaded, self._written.asked.kinds
-        light, exposure, shown = shaded.light, shaded.exposure, shaded.exposure * shaded.backdrop
-        placed = written.lamps(light, exposure)
-        names: list[str] = self._write_live(into.path, light, shown, placed) if written.asked.live_mesh else []
+        light, exposure = shaded.light, shaded.exposure
+        lit = ShownLight(light, exposure * shaded.backdrop, written.lamps(light, exposure))
+        names: list[str] = self._write_live(into.path, lit) if written.asked.live_mesh else []
         if "albedo-splat" in kinds:
             names += self._write_albedo(into.path)
         if into.relit is None:
@@ -50,12 +50,11 @@ class EngineFiles:
                 write_splat_glb(into.path / FILES["splat-glb"], into.relit, written.scene.scene_from_splat, extras)
                 names.append(FILES["splat-glb"])
             if "usd" in kinds:
-                from .usd import UsdLight, write_usd
+                from .usd import write_usd
 
                 looks = {"relit": into.relit}
                 if "albedo-splat" in kinds:
                     looks["albedo"] = self._albedo()[0]
-                lit = UsdLight(light, shown, placed)
                 names += write_usd(into.path, looks, written.scene, written.albedo, lit, self._shine)
         return names
 
@@ -65,8 +64,8 @@ class EngineFiles:
         gloss = self._written.gloss
         return None if gloss is None else gloss.roughness(self._written.appearance)
 
-    def _write_live(self, folder: Path, light: "Environment", exposure: float, placed: PlacedLamps) -> list[str]:
-        if placed.lamps or isinstance(light, CapturedLight):
+    def _write_live(self, folder: Path, lit: ShownLight) -> list[str]:
+        if lit.placed.lamps or isinstance(lit.light, CapturedLight):
             message = (
                 "live.glb shows the light of an environment alone, neither captured light nor placed lamps on its mesh"
             )
@@ -75,16 +74,7 @@ class EngineFiles:
             with self._written.stages.stage("live mesh"):
                 self._nine = nine_coefficients(self._written.relighter, self._written.appearance.albedo)
         with self._written.stages.stage("write"):
-            write_live_glb(
-                folder / FILE,
-                self._written.scene,
-                self._written.albedo,
-                self._nine,
-                light,
-                exposure,
-                placed,
-                self._shine,
-            )
+            write_live_glb(folder / FILE, self._written.scene, self._written.albedo, self._nine, lit, self._shine)
         return [FILE]
 
     def _albedo(self) -> tuple[Splats, NDArray[np.float32]]:

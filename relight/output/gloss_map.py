@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from splat2mesh.scene.glb import Glb, matt_white
 
-from .textured_files import png_bytes
+from .images import png_bytes
 
 _STEPS = 256
 

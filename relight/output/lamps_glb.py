@@ -12,6 +12,7 @@ from ..lamps.gltf_lights import PUNCTUAL
 
 if TYPE_CHECKING:
     from ..lamps.shapes import Lamp
+    from ..light.environment import Environment
 
 
 class PlacedLamps(NamedTuple):
@@ -22,6 +23,14 @@ class PlacedLamps(NamedTuple):
 
 
 NO_LAMPS = PlacedLamps()
+
+
+class ShownLight(NamedTuple):
+    """A light, turned, with its exposure in display values per unit of radiance, and placed lamps beside it."""
+
+    light: "Environment"
+    exposure: float
+    placed: PlacedLamps = NO_LAMPS
 
 
 def add_lamps(file: Glb, placed: PlacedLamps) -> None:

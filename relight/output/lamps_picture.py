@@ -38,7 +38,7 @@ def lamps_picture(scene: "Scene", lamps: Sequence[dict[str, Any]]) -> NDArray[np
         place = np.asarray(lamp["place"], np.float64)
         eye = _best(eyes, place, scene)
         camera = {"eye": eye.tolist(), "target": place.tolist(), "up": [0.0, 1.0, 0.0], "fov_deg": FOV_DEG}
-        picture = RelitPicture(scene, camera, *SIZE).of_vertices(scene.colors_linear, None, 1.0)
+        picture = RelitPicture(scene, camera, SIZE).of_vertices(scene.colors_linear, None, 1.0)
         name = f"lamp {number}: {lamp['share_of_light']:.0%} of the light"
         pictures.append((name, _ringed(np.array(picture, np.uint8))))
     return np.asarray(sheet(pictures), np.uint8)

@@ -14,7 +14,7 @@ from splat2mesh.scene.glb import Glb, matt_white
 
 from ..transfer.nine import COUNT
 from .gloss_map import coordinates, glossy_white
-from .lamps_glb import NO_LAMPS, PlacedLamps, add_lamps
+from .lamps_glb import ShownLight, add_lamps
 from .mesh_files import unit_normals
 
 if TYPE_CHECKING:
@@ -38,9 +38,7 @@ def write_live_glb(
     scene: "Scene",
     albedo: NDArray[np.float32] | None,  # (V, 3) linear, None for white
     nine: tuple[NDArray[np.float32], NDArray[np.float32]],  # grey (V, 9) and tint (V, 3), as of `nine_coefficients`
-    light: "Environment",  # turned as the loaders start
-    exposure: float,  # display value per unit of radiance
-    placed: PlacedLamps = NO_LAMPS,  # beside that light
+    lit: ShownLight,  # turned as the loaders start
     gloss: NDArray[np.float32] | None = None,  # (V, 2) roughness and metalness; matt without
 ) -> None:
     """Write binary glTF 2.0: a mesh per chunk with COLOR_0, _TRANSFER_0 to _TRANSFER_2, and the same as _CUSTOM0 to 2.
@@ -75,8 +73,8 @@ def write_live_glb(
             attributes |= {f"_TRANSFER_{part}": accessor, f"_CUSTOM{part}": accessor}
         faces = file.indices(chunk.faces, len(chunk.vertices))
         file.mesh(f"chunk_{index:04d}", attributes, indices=faces, material=0)
-    add_lamps(file, placed)
-    file.save(path, {KEY: described(light, exposure)})
+    add_lamps(file, lit.placed)
+    file.save(path, {KEY: described(lit.light, lit.exposure)})
 
 
 def described(light: "Environment", exposure: float) -> dict:

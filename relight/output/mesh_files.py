@@ -1,4 +1,4 @@
-"""Relit scenes as files: GLB and PLY meshes, raw radiance as NumPy, pictures as PNG.
+"""Relit scenes as files: GLB and PLY meshes, raw radiance as NumPy.
 
 Every writer takes `radiance`, (V, 3) linear in the scene's vertex order, and writes complete files or none.
 """
@@ -7,7 +7,6 @@ import os
 import warnings
 from typing import TYPE_CHECKING, Any
 
-import imageio.v3 as iio
 import numpy as np
 import pygltflib as gltf
 from numpy.typing import NDArray
@@ -82,38 +81,6 @@ def write_npy(path: str | os.PathLike[str], scene: "Scene", radiance: NDArray) -
     radiance = check_radiance(scene, radiance)
     with staged_file(path) as staging, open(staging, "wb") as file:
         np.save(file, radiance)
-
-
-_JPEG = {"quality": 92}
-IMAGES: dict[str, dict[str, Any]] = {".png": {}, ".jpg": _JPEG, ".jpeg": _JPEG, ".webp": {"quality": 90}}
-"""Kinds of pictures, by the end of their names, and how they are written."""
-
-
-def write_png(
-    path: str | os.PathLike[str],
-    image: NDArray,  # (H, W, 3) uint8 sRGB
-) -> None:
-    """Write a picture as PNG, whatever its name."""
-    _write_image(path, image, ".png")
-
-
-def write_image(path: str | os.PathLike[str], image: NDArray) -> None:
-    """Write a picture, (H, W, 3) uint8 sRGB, as the kind that its name ends in. Raises InputError for other endings."""
-    _write_image(path, image, check_image(path))
-
-
-def check_image(path: str | os.PathLike[str]) -> str:
-    """The end of a picture's name, a key of IMAGES. Raises InputError for others."""
-    kind = os.path.splitext(path)[1].lower()
-    if kind not in IMAGES:
-        raise InputError(f"{path}: a picture is one of {' '.join(IMAGES)}, found {kind or 'no ending'}")
-    return kind
-
-
-def _write_image(path: str | os.PathLike[str], image: NDArray, kind: str) -> None:
-    packed = iio.imwrite("<bytes>", image, extension=kind, **IMAGES[kind])  # a file would be its own to close
-    with staged_file(path) as staging:
-        staging.write_bytes(packed)
 
 
 def check_radiance(scene: "Scene", radiance: NDArray) -> NDArray:

@@ -50,7 +50,7 @@ def north_picture(
     radiance: (V, 3) float32, linear, in which the mesh is drawn. north_deg: as of `north`. camera: as of `Preview`;
     that of the preview without.
     """
-    picture = RelitPicture(scene, camera, *PICTURE_SIZE)
+    picture = RelitPicture(scene, camera, PICTURE_SIZE)
     image = Image.fromarray(np.array(picture.of_vertices(radiance, None, 1.0), np.uint8))
     view = picture.view
     anchor = _ground(view, picture.mesh.depth(), scene)

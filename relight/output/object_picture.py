@@ -32,4 +32,4 @@ def mesh_with_objects(
     drawn = Drawn(scene)
     both = np.concatenate([drawn.colors(radiance * inserted.ratio), inserted.radiance])
     shown = Scene([*drawn.scene.chunks, objects], scene_from_splat=scene.scene_from_splat, capture=scene.capture)
-    return np.asarray(RelitPicture(shown, camera, *size).of_vertices(both, light, exposure, inset=False), np.uint8)
+    return np.asarray(RelitPicture(shown, camera, size).of_vertices(both, light, exposure, inset=False), np.uint8)

@@ -16,6 +16,7 @@ from ..light.tonemap import compress_highlights
 from .backdrop import behind, is_even, is_soft
 from .catcher import Catcher, GroundLight
 from .inset import add_inset
+from .kinds import PICTURE_SIZE
 from .mesh_files import check_radiance
 from .preview import Preview
 
@@ -48,22 +49,21 @@ class RelitPicture:
     """A camera before a scene. What does not depend on the light is found once.
 
     The splats, where there are any, are drawn as any viewer draws them, else the mesh, in its texture or by its
-    vertices. An object throws its shadow on
-    the ground below it; a place has its own ground. camera, width, height, samples: as of `Preview`. indoors: the scene
-    is a closed room: holes in its floor are black, as in any viewer, and do not show the ground outside.
+    vertices. An object throws its shadow on the ground below it; a place has its own ground. camera, samples: as of
+    `Preview`. size: width and height in pixels. indoors: the scene is a closed room: holes in its floor are black, as
+    in any viewer, and do not show the ground outside.
     """
 
     def __init__(
         self,
         scene: "Scene",
         camera: dict | None = None,
-        width: int = 960,
-        height: int = 720,
+        size: tuple[int, int] = PICTURE_SIZE,
         samples: int = 4,
         indoors: bool = False,
     ) -> None:
         self._scene, self._samples, self._indoors = scene, samples, indoors
-        self.mesh = Preview(scene, camera, width, height, samples)
+        self.mesh = Preview(scene, camera, *size, samples)
         self.camera, self.view = self.mesh.camera, self.mesh.view
         self._drawn, self._surfaces = Drawn(scene), Drawn.surfaces(scene)
         self._previews: dict[bool, Preview] = {}

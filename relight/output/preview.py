@@ -32,26 +32,12 @@ NOWHERE = 1e10
 _GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
 
-def render_preview(
-    scene: "Scene",
-    radiance: NDArray,  # (V, 3) linear radiance
-    environment: "Environment",  # its `lookup` maps unit directions (N, 3) to linear radiance (N, 3)
-    camera: dict | None = None,  # eye, target, up ((3,) scene frame), horizontal fov_deg; default: the scene's own
-    width: int = 960,
-    height: int = 720,
-    exposure: float = 1.0,
-    samples: int = 4,
-) -> NDArray:
-    """Render one picture, (H, W, 3) uint8 sRGB. `Preview` is faster for several lights."""
-    return Preview(scene, camera, width, height, samples).render(radiance, environment, exposure)
-
-
 class Preview:
     """A camera in front of a scene. Its rays are cast once, for pictures under any number of lights.
 
-    The scene shows its vertices' radiance on both sides of a face; where a ray misses it, the environment
-    shows, sharp and at the same exposure. `camera` is the one in use: the given one, the scene's or
-    `default_camera`; `view` is it as a View in the scene frame, `caster` the RayCaster of the scene.
+    The scene shows its vertices' radiance on both sides of a face; where a ray misses it, the environment shows, sharp
+    and at the same exposure. `camera`, a dict of eye, target, up ((3,) scene frame) and horizontal fov_deg, is the one
+    in use: the given one, the scene's or `default_camera`. `view` is it as a View, `caster` the RayCaster of the scene.
     Raises InputError for an impossible camera or picture size.
     """
 
@@ -78,7 +64,7 @@ class Preview:
     def render(self, radiance: NDArray, environment: "Environment", exposure: float = 1.0) -> NDArray:
         """The picture under one light: (H, W, 3) uint8 sRGB.
 
-        radiance: (V, 3) linear. environment: as in `render_preview`. exposure: display value per unit of
+        radiance: (V, 3) linear. environment: what shows behind. exposure: display value per unit of
         radiance. Samples are averaged after their highlights are compressed: edges before a sun stay smooth.
         """
         radiance = check_radiance(self._scene, radiance) * np.float32(exposure)

@@ -2,14 +2,12 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-import OpenEXR
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Vector
-from splat2mesh.base.outputs import staged_file
 from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
 from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.splats import Splats
@@ -20,8 +18,8 @@ from ..light.environment import Environment
 from ..light.tonemap import compress_highlights
 from ..sh import harmonics
 from ..transfer.occluder import Occluder
-from . import mesh_files
-from .probe_set import places_of, write_probe_set
+from .images import write_exr, write_png
+from .probe_set import BANDS, irradiance_of, places_of, write_probe_set
 
 BALL = 360
 """Side of the picture of a ball, in pixels."""
@@ -61,7 +59,7 @@ def write_probes(
         images.append(image)
         stem = "probe" if number == 1 else f"probe_{number}"
         write_exr(folder / f"{stem}.exr", {"RGB": image})
-        mesh_files.write_png(folder / f"{stem}.png", balls(image))
+        write_png(folder / f"{stem}.png", balls(image))
         names += [f"{stem}.exr", f"{stem}.png"]
 
     def light_at(number: int, place: Vector) -> NDArray[np.float32]:
@@ -69,14 +67,6 @@ def write_probes(
 
     at = places_of(grid, places, probed.scene)
     return names + write_probe_set(folder, probed.scene, probed.occluder, at, light_at)
-
-
-def write_exr(path: Path, channels: dict[str, NDArray], more: dict[str, Any] | None = None) -> None:
-    """Write an OpenEXR file of float32 channels, (H, W, 3) or (H, W). more: attributes of its header."""
-    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage, **(more or {})}
-    packed = {name: np.ascontiguousarray(each, np.float32) for name, each in channels.items()}
-    with staged_file(path) as staging:
-        OpenEXR.File(header, packed).write(str(staging))
 
 
 def balls(image: NDArray[np.float32]) -> NDArray[np.uint8]:
@@ -90,12 +80,6 @@ def balls(image: NDArray[np.float32]) -> NDArray[np.uint8]:
     plain = np.full((BALL, BALL, 3), 0.02, np.float32)
     chrome, grey = plain.copy(), plain.copy()
     chrome[inside] = environment.lookup(mirrored[inside])
-    grey[inside] = GREY * irradiance(image, normal[inside])
+    received = harmonics.evaluate(normal[inside], BANDS) @ irradiance_of(image)
+    grey[inside] = GREY * np.maximum(received, 0.0).astype(np.float32)
     return bytes_from_unit(srgb_from_linear(compress_highlights(np.concatenate([chrome, grey], axis=1))))
-
-
-def irradiance(image: NDArray[np.float32], normals: NDArray) -> NDArray[np.float32]:
-    """Irradiance over pi, (N, 3), of unit normals (N, 3) in a lat-long picture: by nine harmonics."""
-    light = Environment(image, "probe").sh(3)
-    lobe = np.repeat([1.0, 2.0 / 3.0, 0.25], [1, 3, 5])
-    return np.maximum(harmonics.evaluate(normals, 3) @ (lobe[:, None] * light), 0.0).astype(np.float32)

@@ -18,6 +18,7 @@ from . import mesh_files
 from .around_files import AroundFiles
 from .clean_files import CleanFiles
 from .engine_files import EngineFiles
+from .images import write_png
 from .inserted_glb import inserted_glb
 from .inserted_picture import camera_of, with_objects
 from .joined_splats import append_splats
@@ -109,7 +110,7 @@ class Results:
     def _write_preview(self, into: LitFolder) -> None:
         with self._stages.stage("preview"):
             self._last_picture = self._painted(into.relit, into.shaded)
-            mesh_files.write_png(into.path / FILES["png"], self._last_picture)
+            write_png(into.path / FILES["png"], self._last_picture)
         shown = "splat" if into.relit is not None else "texture" if self._shows_texture else "mesh"
         into.facts["preview"] = {"shows": shown, "camera": self._picture.camera}
 
@@ -153,7 +154,7 @@ class Results:
             return names
         with self._stages.stage("preview"):
             picture = self._new_picture(camera_of(shaded.inserted, self._scene))
-            mesh_files.write_png(into.path / INSERTED[1], self._of_splats(picture, relit, shaded))
+            write_png(into.path / INSERTED[1], self._of_splats(picture, relit, shaded))
         return [*names, INSERTED[1]]
 
     def object_painter(
@@ -188,7 +189,7 @@ class Results:
 
     def _new_picture(self, camera: dict[str, Any] | None) -> RelitPicture:
         """A RelitPicture of the scene; without a camera, by its own."""
-        return RelitPicture(self._scene, camera, *PICTURE_SIZE, indoors=self._written.appearance.room is not None)
+        return RelitPicture(self._scene, camera, PICTURE_SIZE, indoors=self._written.appearance.room is not None)
 
     def _painted(self, relit: Splats | None, shaded: "Shaded") -> NDArray[np.uint8]:
         """The picture, (H, W, 3) uint8: of the relit splats, else of the texture, else of the mesh, as there are."""
@@ -218,7 +219,7 @@ class Results:
     def write_sheet(self, folder: Path, last: int | None = None) -> str:
         """Write the sheet of all lights kept, or of the last so many: its name."""
         first, lights = self._on_sheet[: self._before_lights], self._on_sheet[self._before_lights :]
-        mesh_files.write_png(folder / SHEET, sheet(first + lights[-(last or len(lights)) :]))
+        write_png(folder / SHEET, sheet(first + lights[-(last or len(lights)) :]))
         return SHEET
 
     def _before(self) -> list[tuple[str, NDArray[np.uint8]]]:

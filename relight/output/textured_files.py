@@ -1,19 +1,18 @@
 """Textured scenes as files: GLB with the picture inside, and transfer as images for shaders."""
 
-import io
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import imageio.v3 as iio
 import numpy as np
-import OpenEXR
 from numpy.typing import NDArray
 
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.outputs import staged_file
 from splat2mesh.base.strictjson import text_of
 from splat2mesh.texture.glb import add_cards, textured_glb
+
+from .images import png_bytes, write_exr, write_png
 
 if TYPE_CHECKING:
     from splat2mesh.scene.mesh import Mesh
@@ -68,10 +67,10 @@ def write_transfer(
     names = []
     for index in range(TRANSFER_BANDS):
         names.append(f"transfer_{index}.exr")
-        _write_exr(folder / names[-1], atlas.image(values[:, 3 * index : 3 * index + 3].astype(np.float16)))
+        image = atlas.image(values[:, 3 * index : 3 * index + 3].astype(np.float16))
+        write_exr(folder / names[-1], {"RGB": image})
     names.append("albedo.png")
-    with staged_file(folder / names[-1]) as staging:
-        staging.write_bytes(png_bytes(baked.relit()))
+    write_png(folder / names[-1], baked.relit())
     facts = {
         "images": names[:TRANSFER_BANDS],
         "albedo": "albedo.png",
@@ -87,19 +86,6 @@ def write_transfer(
     with staged_file(folder / names[-1]) as staging:
         staging.write_text(text_of(facts, indent=1) + "\n", encoding="utf-8")
     return names
-
-
-def png_bytes(image: NDArray) -> bytes:
-    """A picture (H, W, 3) uint8 as PNG."""
-    file = io.BytesIO()
-    iio.imwrite(file, image, extension=".png")
-    return file.getvalue()
-
-
-def _write_exr(path: Path, image: NDArray) -> None:
-    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    with staged_file(path) as staging:
-        OpenEXR.File(header, {"RGB": np.ascontiguousarray(image)}).write(str(staging))
 
 
 def _gloss_image(atlas: "Atlas", gloss: NDArray[np.float32]) -> NDArray[np.uint8]:

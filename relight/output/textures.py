@@ -14,10 +14,11 @@ from splat2mesh.texture.kept import added_part, textured_part
 
 from ..texture import Baked, bake, known_colors, own_texture
 from ..transfer.store import array_key
+from .images import png_bytes
 from .lamps_glb import PlacedLamps, add_lamps
 from .relit_splats import RelitSource
 from .subject import LitFolder, WrittenScene
-from .textured_files import png_bytes, write_textured_glb, write_transfer
+from .textured_files import write_textured_glb, write_transfer
 
 if TYPE_CHECKING:
     from splat2mesh.scene.mesh import Mesh

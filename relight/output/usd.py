@@ -6,7 +6,7 @@ Source: OpenUSD 26.03 and later, usdVol ParticleField3DGaussianSplat, usdLux Dom
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,14 +17,13 @@ from splat2mesh.splats.placing import placed
 from splat2mesh.splats.splats import Splats
 
 from ..lamps.export import define_lamps
-from .lamps_glb import NO_LAMPS, PlacedLamps
+from .images import write_exr
+from .lamps_glb import ShownLight
 from .splat_glb import showable
-from .textured_files import _write_exr
 
 if TYPE_CHECKING:
     from splat2mesh.scene.scene import Scene
 
-    from ..light.environment import Environment
 
 FILE, LIGHT = "relit_splat.usdc", "light.exr"
 
@@ -37,20 +36,12 @@ SEEN_TO = 3.0
 _LARGEST_HALF = np.float32(np.finfo(np.float16).max)
 
 
-class UsdLight(NamedTuple):
-    """A light, turned, with its exposure in display values per unit of radiance, and placed lamps beside it."""
-
-    light: "Environment"
-    exposure: float
-    placed: PlacedLamps = NO_LAMPS
-
-
 def write_usd(
     folder: Path,
     looks: Mapping[str, Splats],  # by name, the first one shown: as read, in their own frame, rows alike
     scene: "Scene",
     albedo: NDArray[np.float32],  # (V, 3) linear, shown on the proxy
-    lit: "UsdLight",
+    lit: ShownLight,
     gloss: NDArray[np.float32] | None = None,  # (V, 2) roughness and metalness of the proxy; no material without
 ) -> list[str]:
     """Write FILE, and LIGHT beside it, which FILE refers to. Returns their names.
@@ -86,7 +77,7 @@ def write_usd(
         stage.GetRootLayer().Save()
         if named != staging:
             os.replace(named, staging)
-    _write_exr(folder / LIGHT, np.minimum(light.radiance, _LARGEST_HALF).astype(np.float16))
+    write_exr(folder / LIGHT, {"RGB": np.minimum(light.radiance, _LARGEST_HALF).astype(np.float16)})
     return [FILE, LIGHT]
 
 

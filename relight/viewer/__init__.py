@@ -3,15 +3,9 @@
     from relight.viewer import view
     view(scene, "sunset")
 
-Modules: `request` the requests, `session` state and light, `answers` the worker's results, `worker` and `lighting`
-the heavy work in a process of its own, `modes` the colours of the surface, `splats` and `splat_painter` relit splats in
-its place, `controls` the keys, `mouse` the mouse, `window`, `stage`, `panel` and `camera` the drawing by VTK,
-`recording`
-films, `session_view` and `window_view` the types by which parts see the whole. Added lamps: `editing` the calls from
-Python, `history` undo, `lamp_board` their states, `lamp_bench` their light, `lamp_source` the engine behind it,
-`lamp_tool` the hand on them. Objects: `object_bench`, `object_light`, `object_source` and `object_tool` likewise.
-The captured light by hand: `hand_bench` its albedo, `hand_source` the engine behind it,
-`hand_tool` the mouse, `hand_panel` its maps.
+`session` holds what the user set; `answers`, `worker` and `lighting` do the heavy work in a process of its own;
+`window`, `stage` and `panel` draw. What a hand changes (lamps, objects, the captured light) has a tool under the mouse,
+a bench for its light while it changes, and the engine behind it in `sources`.
 """
 
 import os
@@ -47,7 +41,7 @@ def view(
     side. With `screenshot` no window opens: the picture is written when its light is complete. Raises InputError for
     input that cannot be used, and for a missing display.
     """
-    from ..output.mesh_files import check_image, write_image
+    from ..output.images import check_image, write_image
     from .session import Session
     from .window import SIZE, Window, in_notebook, load_pyvista
 
@@ -124,12 +118,12 @@ def record_turntable(
     from .window import IDLE_SECONDS, Window, load_pyvista
 
     turn, wishes = Turntable.of(turn, wishes)
-    check_film(path, turn.frames, turn.what, turn.overwrite)
+    check_film(path, turn)
     load_pyvista(True)
     session = Session(SessionRequest.of(scene, environment, options, **wishes))
     try:
         window = Window(session, turn.size, off_screen=True)
-        window.record(path, frames=turn.frames, what=turn.what, panel=turn.panel, overwrite=turn.overwrite)
+        window.record(path, turn)
         while window.recording:
             if not window.tick():
                 time.sleep(IDLE_SECONDS)

@@ -4,7 +4,7 @@ Two kinds of VTK actors draw them, one for all rectangles and one for each text.
 window, off screen and in a browser.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 from vtkmodules.vtkCommonCore import vtkPoints, vtkUnsignedCharArray
 from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
@@ -17,8 +17,15 @@ from vtkmodules.vtkRenderingCore import (
     vtkTextRenderer,
 )
 
-NORMAL, SMALL = 13, 12
-"""Sizes of texts in units."""
+
+class Style(NamedTuple):
+    """How a text looks. size: in units."""
+
+    size: int = 12
+    bold: bool = False
+
+
+SMALL, KEY, TITLE = Style(), Style(bold=True), Style(13, True)
 
 BAR, CHIP, ON = (15, 16, 19, 215), (44, 47, 54, 255), (233, 178, 84, 255)
 IDLE, TRACK, HANDLE = (122, 99, 58, 255), (66, 70, 79, 255), (233, 233, 236, 255)
@@ -77,21 +84,19 @@ class Canvas:
         """color: (4,) bytes."""
         self._rectangles.append((*(self.scale * n for n in (left, base, left + width, base + height)), color))
 
-    def text(
-        self, left: float, base: float, string: str, color: tuple[int, ...], size: int = NORMAL, bold: bool = False
-    ) -> None:
+    def text(self, left: float, base: float, string: str, color: tuple[int, ...], style: Style = SMALL) -> None:
         """color: (3,) bytes."""
         place = round(self.scale * left), round(self.scale * base)
-        self._written.append((string, place, color, self._pixels(size), bold))
+        self._written.append((string, place, color, self._pixels(style), style.bold))
 
-    def width(self, string: str, size: int = NORMAL) -> float:
-        """Width of a text in units."""
-        return self._extent(string, self._pixels(size), False)[1] / self.scale
+    def width(self, string: str) -> float:
+        """Width of a small text in units."""
+        return self._extent(string, self._pixels(SMALL), False)[1] / self.scale
 
     def fitted(self, string: str, room: float) -> str:
         """The small text, cut short where it is wider than `room` units."""
         stem = string
-        while stem and self.width(string, SMALL) > room:
+        while stem and self.width(string) > room:
             stem = stem[:-3].rstrip()
             string = stem + "..." if stem else ""
         return string
@@ -139,8 +144,8 @@ class Canvas:
             self.boxes[string, x, y] = x + left, y + low, wide, tall
         return True
 
-    def _pixels(self, size: int) -> int:
-        return max(_LEAST_SIZE, round(self.scale * size))
+    def _pixels(self, style: Style) -> int:
+        return max(_LEAST_SIZE, round(self.scale * style.size))
 
     def _extent(self, string: str, size: int, bold: bool) -> tuple[int, int, int, int]:
         """Left, width, lower, height in pixels of a text about its origin; kept, since measuring draws it."""

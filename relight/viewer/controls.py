@@ -105,10 +105,6 @@ def _toggle(field: str) -> Action:
     return _change(**{field: lambda state: not getattr(state, field)})
 
 
-def _toggle_effect(name: str) -> Action:
-    return _change(effects=lambda state: state.effects ^ {name})
-
-
 def _step(field: str, step: float) -> Action:
     return _change(**{field: lambda state: getattr(state, field) + step})
 
@@ -126,7 +122,8 @@ def _effect(key: str, name: str, text: str) -> Control:
     def lit(session: "Session") -> float:
         return (name in session.effects) * (1.0 if name in session.answers.called_for else 0.5)
 
-    return Control(key, text, _toggle_effect(name), lambda session: name, "choices", lit)
+    toggle = _change(effects=lambda state: state.effects ^ {name})
+    return Control(key, text, toggle, lambda session: name, "choices", lit)
 
 
 def _mode(key: str, name: str) -> Control:
@@ -139,16 +136,13 @@ def _mode(key: str, name: str) -> Control:
     return Control(key, text, _change(mode=name, by_hand=False), lambda s: mode.title, "modes", lit)
 
 
-def _has_splats(session: "Session") -> bool:
-    return session.splats is not None
+def _has(name: str) -> Callable[["Session"], bool]:
+    """Whether a Session has what it may be without: its splats, lamps, objects or hand."""
+    return lambda session: getattr(session, name) is not None
 
 
 def _can_undo(session: "Session") -> bool:
     return session.timeline.kept
-
-
-def _can_place(session: "Session") -> bool:
-    return session.lamps is not None
 
 
 def _mixes(session: "Session") -> bool:
@@ -159,16 +153,12 @@ def _has_selected(session: "Session") -> bool:
     return session.lamps is not None and session.state.placing and session.lamps.selected is not None
 
 
-def _has_objects(session: "Session") -> bool:
-    return session.objects is not None
-
-
-def _can_set(session: "Session") -> bool:
-    return session.hand is not None
-
-
 def _by_hand(session: "Session") -> bool:
     return session.hand is not None and session.state.by_hand
+
+
+def _dims_lamps(session: "Session") -> bool:
+    return session.has_lamps
 
 
 def _hand_slider(name: str, text: str, show: Callable[[float], str]) -> Slider:
@@ -183,10 +173,6 @@ def _hand_slider(name: str, text: str, show: Callable[[float], str]) -> Slider:
     return Slider(f"hand_{name}", text, show, there=_by_hand, read=read, write=write)
 
 
-def _has_lamps(session: "Session") -> bool:
-    return session.has_lamps
-
-
 CONTROLS = (
     *(_mode(str(number), name) for number, name in enumerate(MODES, 1)),
     _effect("s", SHADOWS, "shadows on, off: sun and bounces need them"),
@@ -199,39 +185,39 @@ CONTROLS = (
             lambda s: s.state.split),
     Control("k", "sky behind the scene on, off", _toggle("sky"), lambda s: "sky", "choices", lambda s: s.state.sky),
     Control("g", "mesh or splat", _toggle("mesh"), lambda s: "mesh", "choices",
-            lambda s: s.state.mesh, _has_splats),
+            lambda s: s.state.mesh, _has("splats")),
     Control("l", "captured lamps off, on", _change(lamps=lambda s: float(s.lamps == 0.0)), lambda s: "lamps", "choices",
-            lambda s: s.state.lamps > 0.0, _has_lamps),
-    Control("comma", "dimmer captured lamps", _step("lamps", -LAMPS_STEP), there=_has_lamps),
-    Control("period", "brighter captured lamps", _step("lamps", LAMPS_STEP), there=_has_lamps),
+            lambda s: s.state.lamps > 0.0, _dims_lamps),
+    Control("comma", "dimmer captured lamps", _step("lamps", -LAMPS_STEP), there=_dims_lamps),
+    Control("period", "brighter captured lamps", _step("lamps", LAMPS_STEP), there=_dims_lamps),
     Control("t", "lamps: click adds one, drag moves it", lambda window: window.mouse.lamps.toggle(),
-            lambda s: "add lamps", "choices", lambda s: s.state.placing, _can_place),
-    Control("c", "next colour of the lamp", lambda window: window.mouse.lamps.next_color(), there=_can_place),
-    Control("f", "dimmer lamp", lambda window: window.mouse.lamps.brighten(-LAMP_STEP_EV), there=_can_place),
-    Control("i", "brighter lamp", lambda window: window.mouse.lamps.brighten(LAMP_STEP_EV), there=_can_place),
-    Control("d", "delete the lamp", lambda window: window.mouse.lamps.remove(), there=_can_place),
+            lambda s: "add lamps", "choices", lambda s: s.state.placing, _has("lamps")),
+    Control("c", "next colour of the lamp", lambda window: window.mouse.lamps.next_color(), there=_has("lamps")),
+    Control("f", "dimmer lamp", lambda window: window.mouse.lamps.brighten(-LAMP_STEP_EV), there=_has("lamps")),
+    Control("i", "brighter lamp", lambda window: window.mouse.lamps.brighten(LAMP_STEP_EV), there=_has("lamps")),
+    Control("d", "delete the lamp", lambda window: window.mouse.lamps.remove(), there=_has("lamps")),
     Control("bracketleft", "dimmer captured light", lambda window: window.mouse.lamps.dim(-CAPTURED_STEP),
-            there=_can_place),
+            there=_has("lamps")),
     Control("bracketright", "brighter captured light", lambda window: window.mouse.lamps.dim(CAPTURED_STEP),
-            there=_can_place),
+            there=_has("lamps")),
     Control("z", "undo a change of lamps, captured light or objects", lambda window: window.mouse.lamps.step_back(),
             there=_can_undo),
     Control("y", "redo", lambda window: window.mouse.lamps.step_back(again=True), there=_can_undo),
-    Control("j", "save the lamps as lamps.json", lambda window: window.mouse.lamps.save(), there=_can_place),
+    Control("j", "save the lamps as lamps.json", lambda window: window.mouse.lamps.save(), there=_has("lamps")),
     Control("6", "objects: drag moves one, with shift up and down", lambda window: window.mouse.objects.toggle(),
-            lambda s: "move objects", "choices", lambda s: s.state.arranging, _has_objects),
+            lambda s: "move objects", "choices", lambda s: s.state.arranging, _has("objects")),
     Control("7", "turn the object clockwise", lambda window: window.mouse.objects.turn(-TURN_DEG),
-            there=_has_objects),
+            there=_has("objects")),
     Control("8", "turn the object counter-clockwise", lambda window: window.mouse.objects.turn(TURN_DEG),
-            there=_has_objects),
+            there=_has("objects")),
     Control("9", "captured light by hand: drag its sun, right drag too", lambda window: window.mouse.hand.toggle(),
-            lambda s: "captured light", "both", lambda s: s.state.by_hand, _can_set),
+            lambda s: "captured light", "both", lambda s: s.state.by_hand, _has("hand")),
     Control("apostrophe", "next of the likely captured lights", lambda window: window.mouse.hand.next_light(),
-            lambda s: "next light", "hand", there=_can_set),
+            lambda s: "next light", "hand", there=_has("hand")),
     Control("slash", "captured sun: click a shadow's edge, then what casts it", lambda window: window.mouse.hand.ask(),
-            lambda s: "point at a shadow", "hand", there=_can_set),
+            lambda s: "point at a shadow", "hand", there=_has("hand")),
     Control("0", "keep the captured light: commands use it", lambda window: window.mouse.hand.keep(),
-            lambda s: "keep", "hand", lambda s: s.hand is not None and s.hand.kept == s.hand.setting, _can_set),
+            lambda s: "keep", "hand", lambda s: s.hand is not None and s.hand.kept == s.hand.setting, _has("hand")),
     Control("space", "start, stop rotating the light", _toggle("turning"), lambda s: "turn", "choices",
             lambda s: s.state.turning),
     Control("Left", "turn the light clockwise", _step("angle_deg", -ANGLE_STEP_DEG)),
@@ -255,7 +241,7 @@ SLIDERS = (
     Slider("angle_deg", "Light", lambda value: f"{value:.0f}\N{DEGREE SIGN}"),
     Slider("exposure_ev", "Exposure", lambda value: f"{value:+.2f} EV"),
     Slider("tolerance", "Tolerance", lambda value: f"{100 * value:.2g} %", True),
-    Slider("lamps", "Lamps", lambda value: f"x {value:.2f}", there=_has_lamps),
+    Slider("lamps", "Lamps", lambda value: f"x {value:.2f}", there=_dims_lamps),
     Slider("captured", "Captured", lambda value: f"x {value:.2f}", there=_mixes,
            read=lambda session: session.lamps.state.captured if session.lamps else 1.0,
            write=lambda window, value: window.mouse.lamps.dim_to(value)),

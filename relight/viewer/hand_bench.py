@@ -16,6 +16,7 @@ from ..albedo.by_hand import HandLight, SkyAndSun, sun_through
 from ..engine.by_hand import LightByHand
 from ..output.offered_lights import light_map
 from .sources import HandSource
+from .worker import in_words
 
 MAP_WIDTH = 32
 """Columns of the map of a light on the panel."""
@@ -95,7 +96,7 @@ class HandBench:
             (setting, done), self._running, changed = self._running, None, True
             error = done.exception()
             if error is not None:
-                self.message = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
+                self.message = in_words(error)
             elif setting is None:
                 self._lights = done.result()
                 self.choose(self._lights.first)

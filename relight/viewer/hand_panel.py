@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from .canvas import BAR, DARK, DIM, ON, SMALL, TEXT, TRACK, Canvas
+from .canvas import BAR, DARK, DIM, ON, TEXT, TRACK, Canvas
 from .hand_bench import HandBench
 from .hand_tool import OFFER, SUN_MAP, place_on_map
 
@@ -16,7 +16,7 @@ LEFT, GAP, LINE = 16, 10, 16
 """Units: from the left edge, between maps, and the height of a name."""
 
 Hot = Callable[..., None]
-"""(left, base, width, height, name): an area that takes the mouse."""
+"""((left, base, width, height), name): an area that takes the mouse."""
 
 
 def draw_hand(canvas: Canvas, bench: HandBench, top: float, hot: Hot) -> None:
@@ -27,26 +27,26 @@ def draw_hand(canvas: Canvas, bench: HandBench, top: float, hot: Hot) -> None:
     width, height = LARGE * present.shape[1], LARGE * present.shape[0]
     base = top - GAP - LINE - height
     names = [_name(bench, number) for number in range(len(bench.offered))]
-    wide = max(width, *(CELL * present.shape[1] + GAP + canvas.width(name, SMALL) for name in names))
+    wide = max(width, *(CELL * present.shape[1] + GAP + canvas.width(name) for name in names))
     small = CELL * present.shape[0] + GAP
     low = base - GAP - len(names) * small
     canvas.rectangle(LEFT - 8, low, wide + 16, top - low, BAR)
-    canvas.text(LEFT, base + height + 5, "captured light: drag its sun", TEXT, SMALL)
+    canvas.text(LEFT, base + height + 5, "captured light: drag its sun", TEXT)
     _map(canvas, present, LEFT, base, LARGE)
     right, up = place_on_map(bench.hand.azimuth_deg, bench.hand.height_deg)
     if bench.hand.sun_share > 0.0:
         x, y = LEFT + right * width, base + up * height
         canvas.rectangle(x - 5, y - 5, 10, 10, (*DARK, 255))
         canvas.rectangle(x - 3, y - 3, 6, 6, ON)
-    hot(LEFT, base, width, height, SUN_MAP)
+    hot((LEFT, base, width, height), SUN_MAP)
     for number, name in enumerate(names):
         base -= small
         shown, used = bench.map_of(number), number == bench.number
         across, tall = CELL * shown.shape[1], CELL * shown.shape[0]
         canvas.rectangle(LEFT - 2, base - 2, across + 4, tall + 4, ON if used else TRACK)
         _map(canvas, shown, LEFT, base, CELL)
-        canvas.text(LEFT + across + GAP, base + tall / 2 - 4, name, TEXT if used else DIM, SMALL)
-        hot(LEFT - 2, base - 2, wide, tall + 4, f"{OFFER}{number}")
+        canvas.text(LEFT + across + GAP, base + tall / 2 - 4, name, TEXT if used else DIM)
+        hot((LEFT - 2, base - 2, wide, tall + 4), f"{OFFER}{number}")
 
 
 def _name(bench: HandBench, number: int) -> str:

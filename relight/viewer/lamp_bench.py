@@ -14,14 +14,12 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from splat2mesh.base.errors import InputError
-
 from ..engine.light_mix import LightBeside
 from ..lamps.asked import AskedLamp, resolve
 from ..lamps.photometry import axis_intensity
 from .lamp_board import BoardLamp, BoardState, LampBoard, without_color
 from .sources import LampSource, LampSum
-from .worker import Superseded
+from .worker import Superseded, in_words
 
 MOST_FINISHED = 8
 """States whose light is kept: 2.4 MB each for 100,000 vertices."""
@@ -105,8 +103,7 @@ class LampBench:
             state, done = self._running
             self._running, error = None, done.exception()
             if error is not None and not isinstance(error, Superseded):
-                text = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
-                self._failed, changed = (state, text), True
+                self._failed, changed = (state, in_words(error)), True
         while not self._events.empty():
             kind, key, payload = self._events.get()
             getattr(self, f"_take_{kind}")(key, payload)

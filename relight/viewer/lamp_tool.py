@@ -181,9 +181,13 @@ class LampTool:
 
     def save(self, path: "Path | str | None" = None) -> None:
         """Save the lamps, by default to the file of the last save, else under the first free name in this folder."""
+        board = self._window.session.lamps
+        if board is None:
+            self._window.note = "the lamps of this session cannot be changed: open it by relight SCENE --view"
+            return
         path = Path(path) if path else self.path or (free_name(OTHER_FILES) if Path(FILE).exists() else Path(FILE))
         try:
-            self._board.save(path)
+            board.save(path)
         except (OSError, InputError) as error:
             self._window.note = str(error)
         else:

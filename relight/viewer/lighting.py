@@ -117,27 +117,32 @@ class ConvergedLight(NamedTuple):
     error: float
 
 
-class SessionLighting:
-    """A scene and all the lights and albedos that the session may choose from.
+class SessionScene(NamedTuple):
+    """A scene and all the lights and albedos that a session may choose from.
 
     environments: dict of name -> Environment, or what `Environment.load` takes. albedos: dict of name -> (V, 3)
     linear or None for white. options: LightingOptions; every wish brings its own tolerance. cache: as of `Relighter`.
+    """
+
+    scene: Scene
+    environments: Mapping[str, Any]
+    albedos: Mapping[str, NDArray | None]
+    options: LightingOptions = LightingOptions()
+    cache: "Cache | None" = None
+
+
+class SessionLighting:
+    """Lights a SessionScene.
+
     stages: as of `splat2mesh.base.progress.Stages`; its `advance` may raise to end an answer early.
     step: (kind, key) of the result in progress, or None.
     """
 
-    def __init__(
-        self,
-        scene: Scene,
-        environments: Mapping[str, Any],
-        albedos: Mapping[str, NDArray | None],
-        stages: Any,
-        options: LightingOptions | None = None,
-        cache: "Cache | None" = None,
-    ) -> None:
-        self.scene, self.environments, self.albedos, self.stages = scene, environments, albedos, stages
+    def __init__(self, asked: SessionScene, stages: Any) -> None:
+        scene, self.environments, self.albedos, options, cache = asked
+        self.scene, self.stages = scene, stages
         self.step: tuple[str, Any] | None = None
-        self._options = LightingOptions.of(options)
+        self._options = options
         self._relighters: dict[float, Relighter] = {}
         self._converged: Relighter | None = None
         self._relighter = Relighter(scene, self._options, stages=stages, cache=cache)

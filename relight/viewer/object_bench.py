@@ -14,7 +14,7 @@ from splat2mesh.base.errors import InputError
 from ..insert.asked import AskedInsert
 from .history import Timeline
 from .sources import ObjectSource, ObjectsUnder
-from .worker import Superseded
+from .worker import Superseded, in_words
 
 if TYPE_CHECKING:
     from ..insert.inserts import InsertedLight
@@ -138,8 +138,7 @@ class ObjectBench:
         if isinstance(error, Superseded):
             return False
         if error is not None:
-            text = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
-            self._failed = self.placed, f"the objects cannot be lit: {text}"
+            self._failed = self.placed, f"the objects cannot be lit: {in_words(error)}"
             return True
         if not exact and self.shown is not None and self.shown.exact and self.shown.placed == self.placed:
             return False  # the exact one was faster

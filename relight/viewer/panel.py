@@ -7,7 +7,7 @@ import numpy as np
 
 from ..output.kinds import PICTURE_SIZE
 from ..planning.effects import BOUNCES, SUN
-from .canvas import BAR, CHIP, DARK, DIM, HANDLE, IDLE, ON, SMALL, TEXT, TRACK, WARNING, Canvas
+from .canvas import BAR, CHIP, DARK, DIM, HANDLE, IDLE, KEY, ON, TEXT, TITLE, TRACK, WARNING, Canvas
 from .controls import CONTROLS, MOUSE, SLIDERS, Control, Slider, key_name
 from .hand_panel import draw_hand
 from .lighting import CONVERGED, SAMPLE, STAGES, FinishedShading
@@ -126,10 +126,10 @@ class Panel:
         for control in reversed([control for control in CONTROLS if control.row == "modes"]):
             right -= self._chip(session, control, right, base + 12, from_right=True) + _GAP
         count = sum(len(chunk.vertices) for chunk in session.scene.chunks)
-        self._canvas.text(_MARGIN, base + 27, session.name, TEXT, bold=True)
+        self._canvas.text(_MARGIN, base + 27, session.name, TEXT, TITLE)
         lit = session.answers.lit
         facts = f"{count:,} vertices" + (f", {lit.settings}" if lit else "")
-        self._canvas.text(_MARGIN, base + 10, self._canvas.fitted(facts, right - 2 * _MARGIN), DIM, SMALL)
+        self._canvas.text(_MARGIN, base + 10, self._canvas.fitted(facts, right - 2 * _MARGIN), DIM)
         progress = session.answers.progress
         if progress and not session.settled:
             share = progress[1] if progress[1] is not None else 1.0
@@ -163,8 +163,8 @@ class Panel:
     def _plate(self, left: float, base: float, string: str, color: tuple[int, ...]) -> None:
         """A line of text on a separate plate, over the scene."""
         if string:
-            self._canvas.rectangle(left - 8, base, self._canvas.width(string, SMALL) + 16, 20, BAR)
-            self._canvas.text(left, base + 5, string, color, SMALL)
+            self._canvas.rectangle(left - 8, base, self._canvas.width(string) + 16, 20, BAR)
+            self._canvas.text(left, base + 5, string, color)
 
     def _slider(self, session: "Session", slider: Slider, left: float, base: float, width: float) -> None:
         low, high = RANGES[slider.field]
@@ -172,9 +172,9 @@ class Panel:
         value = min(max(value, low), high)
         to, back = (np.log, np.exp) if slider.logarithmic else (float, float)
         share = (to(value) - to(low)) / (to(high) - to(low))
-        self._canvas.text(left, base + 16, slider.text, DIM, SMALL)
+        self._canvas.text(left, base + 16, slider.text, DIM)
         text = slider.show(value)
-        self._canvas.text(left + width - self._canvas.width(text, SMALL), base + 16, text, TEXT, SMALL)
+        self._canvas.text(left + width - self._canvas.width(text), base + 16, text, TEXT)
         self._canvas.rectangle(left, base + 4, width, 3, TRACK)
         if slider.field == "exposure_ev":
             middle = left + width / 2
@@ -191,17 +191,17 @@ class Panel:
             place = min(place, 1.0 - 1e-6) if slider.field == "angle_deg" else place
             return float(back(to(low) + place * (to(high) - to(low))))
 
-        self._hot(left - 4, base - 6, width + 8, 36, slider.field, value_at)
+        self._hot((left - 4, base - 6, width + 8, 36), slider.field, value_at)
 
     def _chip(self, session: "Session", control: Control, place: float, base: float, from_right: bool = False) -> float:
         """A button; returns its width."""
         text, lit = control.chip(session) if control.chip else "", control.lit(session)
         text = self._canvas.fitted(text, _CHIP_ROOM)
-        width = self._canvas.width(text, SMALL) + 18
+        width = self._canvas.width(text) + 18
         left = place - width if from_right else place
         self._canvas.rectangle(left, base, width, 24, ON if lit == 1 else IDLE if lit else CHIP)
-        self._canvas.text(left + 9, base + 6, text, DARK if lit == 1 else TEXT, SMALL)
-        self._hot(left, base, width, 24, control.key)
+        self._canvas.text(left + 9, base + 6, text, DARK if lit == 1 else TEXT)
+        self._hot((left, base, width, 24), control.key)
         return width
 
     def _split(self, session: "Session", units: Units, panel: bool) -> None:
@@ -214,11 +214,11 @@ class Panel:
         scale = self._canvas.scale
         if panel:
             after = "albedo" if session.state.by_hand else "relit"
-            for text, left in (("captured", x - 14 - self._canvas.width("captured", SMALL)), (after, x + 14)):
-                if left > 8 and left + self._canvas.width(text, SMALL) < width - 8:
-                    self._canvas.rectangle(left - 7, high - 34, self._canvas.width(text, SMALL) + 14, 20, BAR)
-                    self._canvas.text(left, high - 29, text, TEXT, SMALL)
-        self._hot(x - 8, low, 16, high - low, "split_at", lambda at, _: at / scale / width)
+            for text, left in (("captured", x - 14 - self._canvas.width("captured")), (after, x + 14)):
+                if left > 8 and left + self._canvas.width(text) < width - 8:
+                    self._canvas.rectangle(left - 7, high - 34, self._canvas.width(text) + 14, 20, BAR)
+                    self._canvas.text(left, high - 29, text, TEXT)
+        self._hot((x - 8, low, 16, high - low), "split_at", lambda at, _: at / scale / width)
 
     def _mark(self, mark: "Mark") -> None:
         """A lamp: a square of its colour in a dark frame, a bright one where it is selected."""
@@ -239,11 +239,9 @@ class Panel:
         left, base = width - _MARGIN - 16, BOTTOM + 76
         known = session.answers.reference is not None
         title = "relative error" if known else "reference follows"
-        title_width = max(self._canvas.width(title, SMALL), 76)
+        title_width = max(self._canvas.width(title), 76)
         self._canvas.rectangle(left + 26 - title_width - 12, base - 12, title_width + 12, tall + 44, BAR)
-        self._canvas.text(
-            left + 20 - self._canvas.width(title, SMALL), base + tall + 12, title, TEXT if known else DIM, SMALL
-        )
+        self._canvas.text(left + 20 - self._canvas.width(title), base + tall + 12, title, TEXT if known else DIM)
         if not known:
             return
         for index, color in enumerate(map_colors(((np.arange(steps) + 0.5) / steps) ** 2)):
@@ -252,7 +250,7 @@ class Panel:
             )
         for share in (0.0, 0.1, 0.25, 0.5, 1.0):
             text = f"{100 * end * share:.3g} %"
-            self._canvas.text(left - self._canvas.width(text, SMALL), base + share**0.5 * tall - 4, text, DIM, SMALL)
+            self._canvas.text(left - self._canvas.width(text), base + share**0.5 * tall - 4, text, DIM)
 
     def _help(self, session: "Session", units: Units) -> None:
         width, height = units
@@ -266,19 +264,11 @@ class Panel:
         for part, key_at, text_at in columns:
             for row, (key, text) in enumerate(part):
                 y = base + tall - _MARGIN - (row + 1) * _HELP_ROW + 6
-                self._canvas.text(left + key_at, y, key, ON[:3], SMALL, bold=True)
-                self._canvas.text(left + text_at, y, text, TEXT, SMALL)
+                self._canvas.text(left + key_at, y, key, ON[:3], KEY)
+                self._canvas.text(left + text_at, y, text, TEXT)
 
-    def _hot(
-        self,
-        left: float,
-        base: float,
-        width: float,
-        height: float,
-        name: str,
-        value: Callable[[float, float], float] | None = None,
-    ) -> None:
-        box = tuple(self._canvas.scale * number for number in (left, base, width, height))
+    def _hot(self, box: tuple[float, ...], name: str, value: Callable[[float, float], float] | None = None) -> None:
+        box = tuple(self._canvas.scale * number for number in box)
         self.hot.insert(0, HotArea(box, name, value))
 
 

@@ -23,8 +23,7 @@ KINDS = ".gif", ".mp4"
 class Recording:
     """Take a picture whenever the light of an angle is complete, then go on to the next; the window stays usable.
 
-    path: .gif, or .mp4 where imageio-ffmpeg is installed; by default a free name in this folder. what: "light" turns
-    the light, "camera" the camera. panel: whether the panel is recorded too.
+    path: .gif, or .mp4 where imageio-ffmpeg is installed; by default a free name in this folder.
     Raises InputError for another kind of file and for one that cannot be written.
     """
 
@@ -32,16 +31,13 @@ class Recording:
         self,
         window: "WindowView",
         path: str | os.PathLike[str] | None = None,
-        frames: int = Turntable.frames,
-        what: str = "light",
-        panel: bool = False,
-        overwrite: bool = False,
+        turn: Turntable | None = None,
     ) -> None:
-        path = _free() if path is None else Path(path)
-        check_film(path, frames, what, overwrite)
+        path, turn = _free() if path is None else Path(path), turn or Turntable()
+        check_film(path, turn)
         import imageio
 
-        self.path, self._window, self._frames, self._what, self._panel = path, window, frames, what, panel
+        self.path, self._window, self._asked = path, window, turn
         self._state, self._orbit, self._done = window.session.state, window.orbit, 0
         self._started, self.asked = time.perf_counter(), False
         self._shape: tuple[int, ...] | None = None
@@ -66,22 +62,22 @@ class Recording:
             return
         if self._moved_away():
             return
-        image = window.picture(self._panel)
+        image = window.picture(self._asked.panel)
         self._shape = self._shape or image.shape[:2]
         self._writer.append_data(fit_to(image, self._shape))
         self._done += 1
         window.note = self._describe()
-        if self._done == self._frames:
+        if self._done == self._asked.frames:
             self._end()
             window.recorded(f"saved {self.path.absolute()}")
             return
         self._turn()
 
     def _turned(self) -> float:
-        return 360.0 * self._done / self._frames
+        return 360.0 * self._done / self._asked.frames
 
     def _turn(self) -> None:
-        if self._what == "light":
+        if self._asked.what == "light":
             self._window.session.change(angle_deg=self._state.angle_deg + self._turned())
         else:
             self._looked = self._orbit.dragged(-self._turned() / 180.0, 0.0)
@@ -89,7 +85,7 @@ class Recording:
 
     def _moved_away(self) -> bool:
         """Whether the user turned or reset the recorded angle; it is restored."""
-        if self._what == "light":
+        if self._asked.what == "light":
             away = self._window.session.state.angle_deg - self._state.angle_deg - self._turned()
             moved = abs((away + 180.0) % 360.0 - 180.0) > 1e-6
         else:
@@ -101,9 +97,9 @@ class Recording:
     def _describe(self) -> str:
         """The line on the window: progress, remaining time, and how to stop."""
         each = (time.perf_counter() - self._started) / self._done
-        left = each * (self._frames - self._done)
+        left = each * (self._asked.frames - self._done)
         ends = "q again drops it" if self.asked else "v stops it"
-        return f"recording {self._done} of {self._frames}, about {left:.0f} s left; {ends}"
+        return f"recording {self._done} of {self._asked.frames}, about {left:.0f} s left; {ends}"
 
     def stop(self, reason: str = "stopped") -> None:
         """Drop the recording."""
@@ -131,9 +127,9 @@ def fit_to(image: NDArray, shape: tuple[int, ...]) -> NDArray:
     return result
 
 
-def check_film(path: str | os.PathLike[str], frames: int, what: str, overwrite: bool = False) -> None:
+def check_film(path: str | os.PathLike[str], turn: Turntable) -> None:
     """Raises InputError unless a film of this name, length and subject can be recorded."""
-    path = Path(path)
+    path, frames, what = Path(path), turn.frames, turn.what
     if path.suffix not in KINDS:
         raise InputError(f"{path}: a film is one of {' '.join(KINDS)}, found {path.suffix or 'no suffix'}")
     if path.suffix == ".mp4" and not find_spec("imageio_ffmpeg"):
@@ -142,7 +138,7 @@ def check_film(path: str | os.PathLike[str], frames: int, what: str, overwrite: 
         raise InputError(f"a film needs a whole number of frames, 2 or more, found {frames}")
     if what not in ("light", "camera"):
         raise InputError(f"a film turns the light or the camera, found {what!r}")
-    if path.exists() and not overwrite:
+    if path.exists() and not turn.overwrite:
         raise InputError(f"{path} exists: choose another name, or pass overwrite")
     if not path.parent.is_dir():
         raise InputError(f"{path}: its folder does not exist")

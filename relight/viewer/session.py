@@ -26,7 +26,7 @@ from .hand_bench import HandBench
 from .history import Timeline
 from .lamp_bench import LampBench
 from .lamp_board import BoardState, LampBoard
-from .lighting import LightWish, check_albedos
+from .lighting import LightWish, SessionScene, check_albedos
 from .object_bench import ObjectBench
 from .quick import harmonic_light, prepare
 from .request import SessionRequest
@@ -56,7 +56,7 @@ class Session:
     def __init__(
         self,
         asked: SessionRequest,
-        worker: Callable[..., LightWorker] = ProcessWorker,
+        worker: Callable[[SessionScene], LightWorker] = ProcessWorker,
         clock: Callable[[], float] = time.perf_counter,  # returns seconds, which decide when a moving light is at rest
     ) -> None:
         """Start the worker. Raises InputError for albedos and options that do not fit."""
@@ -85,7 +85,7 @@ class Session:
         self.revision = 0
         options, effects = asked.lighting, asked.lighting.chosen_effects
         options = replace(options, tolerance=None, budget_s=None)  # every wish brings its own tolerance
-        working = worker(scene, self.environments, self.albedos, options, asked.cache)
+        working = worker(SessionScene(scene, self.environments, self.albedos, options, asked.cache))
         self.answers = Answers(working, self._wish(effects), effects)
         self.answers.ask()
         prepare()

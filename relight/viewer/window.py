@@ -13,7 +13,7 @@ from vtkmodules.vtkInteractionStyle import vtkInteractorStyleUser
 
 from splat2mesh.base.errors import InputError
 
-from ..output.mesh_files import write_png
+from ..output.images import write_png
 from ..output.preview import default_camera
 from .camera import Orbit
 from .controls import CONTROLS
@@ -22,6 +22,7 @@ from .mouse import Mouse
 from .panel import Panel, bars_of
 from .raster import prepare
 from .recording import Recording, free_name
+from .request import Turntable
 from .session import Session
 from .splat_painter import coarser, joined
 from .stage import MOVING_SAMPLES, RESTING_SAMPLES, Stage, pixels
@@ -190,12 +191,12 @@ class Window:
         else:
             self.note = f"saved {path.absolute()}"
 
-    def record(self, path: str | os.PathLike[str] | None = None, **options: Any) -> None:
+    def record(self, path: str | os.PathLike[str] | None = None, turn: Turntable | None = None) -> None:
         """Start to record a rotation of the light, or stop and drop the recording that runs."""
         if self._recording is not None:
             self._recording.stop()
         else:
-            self._recording = Recording(self, path, **options)
+            self._recording = Recording(self, path, turn)
 
     def recorded(self, note: str) -> None:
         """Show the note of a recording that has ended."""

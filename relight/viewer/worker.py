@@ -13,22 +13,18 @@ import sys
 import threading
 import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
-from numpy.typing import NDArray
-
 from splat2mesh.base.compiling import allow_read_only_install
 from splat2mesh.base.errors import DataWarning, InputError
-from splat2mesh.scene.scene import Scene
 
-from ..options import LightingOptions
-from .lighting import LightWish, SessionLighting, keys
+from .lighting import LightWish, SessionLighting, SessionScene, keys
 
 if TYPE_CHECKING:
-    from ..transfer.store import Cache
+    pass
 
 NICENESS = 5
 """Added to the priority of the process: drawing comes first, but idle cores are used in full."""
@@ -38,6 +34,11 @@ _PROGRESS_SECONDS = 0.05  # between two reports of progress
 
 class Superseded(Exception):
     """A newer wish has made the step in progress pointless."""
+
+
+def in_words(error: BaseException) -> str:
+    """An error as one line for the window."""
+    return str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
 
 
 class ReportedStages:
@@ -86,14 +87,7 @@ def worker_command() -> list[str]:
 class ProcessWorker:
     """The worker process of one session."""
 
-    def __init__(
-        self,
-        scene: Scene,
-        environments: Mapping[str, Any],
-        albedos: Mapping[str, NDArray | None],
-        options: LightingOptions | None = None,
-        cache: "Cache | None" = None,
-    ) -> None:
+    def __init__(self, asked: SessionScene) -> None:
         # The window handles Ctrl-C in the terminal: it ends this process.
         self._process = subprocess.Popen(
             worker_command(), stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
@@ -103,7 +97,7 @@ class ProcessWorker:
         assert self._process.stdin is not None and self._process.stdout is not None  # both are pipes
         threading.Thread(target=self._read, args=(self._process.stdout,), daemon=True).start()
         threading.Thread(target=self._write, args=(self._process.stdin,), daemon=True).start()
-        self._wishes.put((scene, environments, albedos, options, cache))
+        self._wishes.put(asked)
 
     def submit(self, wish: LightWish) -> None:
         """Request the newest wish; unfinished work of an older one is dropped."""
@@ -148,10 +142,8 @@ def answers(lighting: SessionLighting, wish: LightWish) -> Iterator[tuple]:
             yield ("result", *answer)
     except Superseded:
         return
-    except InputError as error:
-        yield "failed", wish, str(error)
     except Exception as error:  # the window stays open and shows the error
-        yield "failed", wish, f"{type(error).__name__}: {error}"
+        yield "failed", wish, in_words(error)
     else:
         yield "done", wish
 
@@ -165,7 +157,7 @@ def main() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DataWarning)  # the command has reported it
         allow_read_only_install()
-    scene, environments, albedos, options, cache = pickle.load(messages_in)
+    asked: SessionScene = pickle.load(messages_in)
     newest: list[Any] = [None]  # LightWish
     arrived = threading.Event()
 
@@ -188,7 +180,7 @@ def main() -> None:
                 raise Superseded
 
     steps = ReportedStages(lambda *progress: send("progress", *progress), check)
-    lighting = SessionLighting(scene, environments, albedos, steps, options, cache)
+    lighting = SessionLighting(asked, steps)
     threading.Thread(target=listen, daemon=True).start()
     while True:
         arrived.wait()

@@ -16,6 +16,7 @@ from lit_ball import ball_scene
 
 from relight import Environment, Relighter
 from relight.engine.nine import nine_coefficients
+from relight.output.lamps_glb import ShownLight
 from relight.output.live_glb import write_live_glb
 from relight.output.preview import Preview, default_camera
 from splat2mesh.scene.color import srgb_from_linear
@@ -39,7 +40,7 @@ def written(tmp_path_factory):
     relighter = Relighter(scene)
     grey, tint = nine_coefficients(relighter, albedo)
     path = tmp_path_factory.mktemp("blender") / "live.glb"
-    write_live_glb(path, scene, albedo, (grey, tint), light.rotated(ANGLES_DEG[0]), EXPOSURE)
+    write_live_glb(path, scene, albedo, (grey, tint), ShownLight(light.rotated(ANGLES_DEG[0]), EXPOSURE))
     return path, scene, albedo, grey, tint, light, relighter
 
 

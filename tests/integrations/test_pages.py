@@ -18,6 +18,7 @@ from unpacked import from_rgbe
 from relight import Environment, Relighter
 from relight.engine.nine import nine_coefficients
 from relight.light.tonemap import tone_map
+from relight.output.lamps_glb import ShownLight
 from relight.output.live_glb import write_live_glb
 from relight.output.preview import Preview
 from relight.output.splat_glb import write_splat_glb
@@ -74,7 +75,7 @@ def test_three_shows_what_the_preview_shows(site):
     scene, albedo = ball_scene()
     light = Environment.load("studio").rotated(ANGLE_DEG)
     grey, tint = nine_coefficients(Relighter(scene, "analytic"), albedo)
-    write_live_glb(site / "live.glb", scene, albedo, (grey, tint), light, 0.4)
+    write_live_glb(site / "live.glb", scene, albedo, (grey, tint), ShownLight(light, 0.4))
     picture, said = shown(site, "three.html")
     assert said == []
     radiance = albedo * tint * np.maximum(grey @ light.sh(3).astype(np.float32), 0.0)

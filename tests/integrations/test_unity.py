@@ -13,6 +13,7 @@ from live_bundles import gain, make_bundle, reader, soft_suns
 from probe_lights import LOBE_ERROR, lobe, lobe_irradiance, picture, write_probes_in
 
 from relight import Environment
+from relight.output.lamps_glb import ShownLight
 from relight.output.live_glb import write_live_glb
 from splat2mesh.base.sphere import fibonacci_sphere
 from splat2mesh.splats.splats import SH_C0
@@ -105,7 +106,7 @@ def test_the_mesh_is_read_and_mirrored(program, tmp_path):
     grey, tint = rng.uniform(-0.5, 0.5, (len(albedo), 9)), rng.uniform(0, 1, (len(albedo), 3))
     light = Environment.load("sunset").rotated(20.0)
     nine = grey.astype(np.float32), tint.astype(np.float32)
-    write_live_glb(tmp_path / "live.glb", scene, albedo, nine, light, 0.5)
+    write_live_glb(tmp_path / "live.glb", scene, albedo, nine, ShownLight(light, 0.5))
     done = ran(program, "mesh", tmp_path, "live.glb", 20.0)
     assert done.returncode == 0, done.stderr
     vertices, faces, *channels, turned = done.stdout.strip().split("\n")

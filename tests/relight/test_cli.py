@@ -67,18 +67,6 @@ def test_a_plan_reads_what_was_kept_and_leaves_it_alone(folder, tmp_path, capsys
     assert tree(folder) == before and times == {path: path.stat().st_mtime_ns for path in folder.rglob("*")}
 
 
-def test_light_behind_the_viewer_is_said_with_the_angle_for_side_light(folder, tmp_path, capsys):
-    quick = ["--method", "analytic", "--albedo", "white", "--no-cache", "-o", str(tmp_path / "out"), "--overwrite"]
-    # The default camera looks from 30 degrees, and the sun of sunset stands at -60.
-    for angle, said in (("90", True), ("70", True), ("0", False), ("180", False)):
-        assert main([str(folder), "--env", "sunset", "--rotate", angle, "--format", "png", *quick]) == 0
-        shown = capsys.readouterr().out
-        assert ("the light stands behind the viewer of the preview: --rotate " in shown) == said
-    for others in (["--env", "overcast", "--format", "png"], ["--env", "sunset", "--rotate", "90", "--format", "npy"]):
-        assert main([str(folder), *quick, *others]) == 0
-        assert "behind the viewer" not in capsys.readouterr().out
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

@@ -7,9 +7,9 @@ from relight.viewer.worker import ReportedStages, answers
 class InlineWorker:
     """As ProcessWorker, in this process: `poll` works until the wish is answered."""
 
-    def __init__(self, scene, environments, albedos, options=None, cache=None):
+    def __init__(self, scene):
         steps = ReportedStages(lambda *progress: None, lambda: None)
-        self._lighting = SessionLighting(scene, environments, albedos, steps, options, cache)
+        self._lighting = SessionLighting(scene, steps)
         self._wish = None
 
     def submit(self, wish):

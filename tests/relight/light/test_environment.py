@@ -10,7 +10,7 @@ from color_primaries import PRIMARIES, expected_matrix
 
 from relight import Environment, cli
 from relight.light.color_spaces import SPACES, converted
-from relight.output.probe_files import write_exr
+from relight.output.images import write_exr
 from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.meshfile import write_mesh_ply

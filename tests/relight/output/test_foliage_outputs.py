@@ -8,6 +8,7 @@ from gltf_check import validator_issues
 from relight.cli import main
 from relight.engine.relighter import Relighter
 from relight.light.environment import Environment
+from relight.output.lamps_glb import ShownLight
 from relight.output.live_glb import write_live_glb
 from relight.output.mesh_files import write_glb, write_npy, write_ply
 from relight.output.picture import RelitPicture
@@ -115,7 +116,7 @@ def test_raw_radiance_keeps_all_that_is_lit(tmp_path, apart):
 def test_live_meshes_are_of_what_is_drawn(tmp_path, apart):
     count, light = apart.vertex_count, Environment(np.ones((16, 32, 3), np.float32))
     nine = np.zeros((count, 9), np.float32), np.zeros((count, 3), np.float32)
-    write_live_glb(tmp_path / "live.glb", apart, apart.colors_linear, nine, light, 1.0)
+    write_live_glb(tmp_path / "live.glb", apart, apart.colors_linear, nine, ShownLight(light, 1.0))
     assert len(read_mesh(tmp_path / "live.glb").faces) == len(Drawn(apart).scene.faces)
 
 
@@ -124,7 +125,7 @@ def test_the_picture_of_a_mesh_shows_the_ground_behind_leaves_left_out(splats):
     green = {}
     for kind in KINDS:
         scene = leaves_apart(bush_scene(), splats, kind, 3000)
-        image = RelitPicture(scene, camera, 64, 48, 1).of_vertices(scene.colors_linear, None, 1.0).astype(int)
+        image = RelitPicture(scene, camera, (64, 48), 1).of_vertices(scene.colors_linear, None, 1.0).astype(int)
         green[kind] = (image[..., 1] > image[..., 0] + 30).sum()
     assert green["none"] == 0 and green["cards"] > 150
 

@@ -14,7 +14,7 @@ from relight.lamps.asked import LampScale, resolve
 from relight.lamps.files import read_lamps
 from relight.lamps.photometry import flux
 from relight.lamps.shapes import SphereLamp, SpotLamp
-from relight.output.lamps_glb import PlacedLamps
+from relight.output.lamps_glb import PlacedLamps, ShownLight
 from relight.output.live_glb import KEY, SNORM, write_live_glb
 from relight.output.mesh_files import write_glb
 from relight.output.proxy import PLAYCANVAS_FROM_SPLAT, write_proxy_glb
@@ -51,7 +51,7 @@ def written(tmp_path_factory):
     light = Environment.load("sunset").rotated(40.0)
     grey, tint = nine_coefficients(relighter, albedo)
     path = tmp_path_factory.mktemp("live") / "live.glb"
-    write_live_glb(path, scene, albedo, (grey, tint), light, 0.5)
+    write_live_glb(path, scene, albedo, (grey, tint), ShownLight(light, 0.5))
     return path, scene, albedo, relighter, light
 
 
@@ -84,7 +84,7 @@ def test_custom_attributes_are_the_same_accessors_and_the_mesh_is_the_scenes(wri
 def test_the_same_scene_gives_the_same_bytes(written, tmp_path):
     path, scene, albedo, _, light = written
     grey, tint = nine_coefficients(Relighter(scene), albedo)
-    write_live_glb(tmp_path / "again.glb", scene, albedo, (grey, tint), light, 0.5)
+    write_live_glb(tmp_path / "again.glb", scene, albedo, (grey, tint), ShownLight(light, 0.5))
     assert (tmp_path / "again.glb").read_bytes() == path.read_bytes()
 
 
@@ -125,7 +125,7 @@ def test_roughness_and_metalness_are_read_back_by_texture_coordinates(written, t
     path, scene, albedo, _, light = written
     gloss, name = gloss_of(scene), tmp_path / "glossy.glb"
     if kind == "live":
-        write_live_glb(name, scene, albedo, nine_coefficients(Relighter(scene), albedo), light, 0.5, gloss=gloss)
+        write_live_glb(name, scene, albedo, nine_coefficients(Relighter(scene), albedo), ShownLight(light, 0.5), gloss)
     else:
         write_proxy_glb(name, scene, None, albedo, gloss)
     assert validator_issues(name)["messages"] == []
@@ -157,7 +157,7 @@ def test_placed_lamps_are_lights_that_the_validator_and_we_read(written, tmp_pat
     placed = PlacedLamps([BULB, SPOT], ["by the door", ""])
     if kind == "live":
         grey, tint = nine_coefficients(Relighter(scene), albedo)
-        write_live_glb(tmp_path / "lamps.glb", scene, albedo, (grey, tint), light, 0.5, placed)
+        write_live_glb(tmp_path / "lamps.glb", scene, albedo, (grey, tint), ShownLight(light, 0.5, placed))
         assert len(read(tmp_path / "lamps.glb")[1]) == len(scene.chunks)
     else:
         write_glb(tmp_path / "lamps.glb", scene, albedo, 1.0, placed=placed)

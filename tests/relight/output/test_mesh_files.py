@@ -11,7 +11,8 @@ import pytest
 from gltf_check import validator_issues
 
 from relight import __version__
-from relight.output.mesh_files import check_radiance, staged_file, write_glb, write_npy, write_ply, write_png
+from relight.output.images import write_png
+from relight.output.mesh_files import check_radiance, staged_file, write_glb, write_npy, write_ply
 from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.scene.mesh import Mesh, vertex_normals
 from splat2mesh.scene.scene import Scene

@@ -38,7 +38,7 @@ def test_splats_are_drawn_as_any_viewer_draws_them_whatever_frame_they_are_in():
     matrix = np.diag([2.0, -2.0, -2.0, 1.0])
     scene = Scene(ball_on_plate().chunks, scene_from_splat=matrix)
     camera = {**FRONT, "eye": [0, 1, 10], "target": [0, 0, 0]}
-    image = RelitPicture(scene, camera, *SIZE).of_splats(splats, None, 1.0)
+    image = RelitPicture(scene, camera, SIZE).of_splats(splats, None, 1.0)
     view = View.look_at([0, -0.5, -5], [0, 0, 0], [0, -1, 0], 40.0, *SIZE)
     seen = rasterize(splats, view)
     expected = np.clip(seen.color, 0, 1) + (1 - seen.alpha[..., None]) * picture.PLAIN
@@ -51,7 +51,7 @@ def test_a_hole_in_the_floor_of_a_room_shows_no_ground_outside():
     far = discs(points + np.array([0.0, 500.0, 0.0]), points, 0.1, 1e-3)  # in no picture
     scene = Scene(ball_on_plate().chunks, capture={"from": "inside"})
     above = {**FRONT, "eye": [0, 4, 12]}
-    outdoors, indoors = (RelitPicture(scene, above, *SIZE, indoors=each) for each in (False, True))
+    outdoors, indoors = (RelitPicture(scene, above, SIZE, indoors=each) for each in (False, True))
     open_, closed = (each.of_splats(far, EVEN, 0.5, inset=False) for each in (outdoors, indoors))
     black = (closed == 0).all(axis=-1)
     assert (open_ > 0).all() and np.array_equal(open_[~black], closed[~black])
@@ -66,7 +66,7 @@ def test_a_hole_in_the_floor_of_a_room_shows_no_ground_outside():
 
 def test_the_mesh_is_shown_where_there_is_no_splat_with_smooth_edges():
     scene = ball_on_plate()
-    shown = RelitPicture(scene, FRONT, *SIZE)
+    shown = RelitPicture(scene, FRONT, SIZE)
     radiance = np.full((len(scene.vertices), 3), 0.5, np.float32)
     image = shown.of_vertices(radiance, None, 1.0)[..., 0]
     inside = round(255 * 0.7354)  # sRGB of 0.5
@@ -78,7 +78,7 @@ def test_the_mesh_is_shown_where_there_is_no_splat_with_smooth_edges():
 
 def test_a_texture_shows_what_the_vertices_show_and_what_lies_between_them():
     scene = ball_on_plate()
-    shown = RelitPicture(scene, FRONT, *SIZE)
+    shown = RelitPicture(scene, FRONT, SIZE)
     baked = bake(scene, size=256)
     radiance = scene.colors_linear
     image = baked.relit(np.ones_like(radiance), 1.0)

@@ -7,7 +7,7 @@ import pytest
 from relight.light.environment import Environment
 from relight.light.tonemap import SHOULDER_START, auto_exposure, compress_highlights, tone_map
 from relight.output import preview
-from relight.output.preview import Preview, default_camera, render_preview
+from relight.output.preview import Preview, default_camera
 from splat2mesh.base.errors import InputError
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene
@@ -15,6 +15,11 @@ from splat2mesh.scene.scene import Scene
 RED, GREEN, BLUE = np.eye(3)
 FRONT = {"eye": [0, 0, 5], "target": [0, 0, 0], "up": [0, 1, 0], "fov_deg": 60.0}
 BLACK = Environment(np.zeros((2, 4, 3)))
+
+
+def render_preview(scene, radiance, environment, camera, width, height, exposure=1.0, samples=4):
+    """One picture under one light."""
+    return Preview(scene, camera, width, height, samples).render(radiance, environment, exposure)
 
 
 def make_scene(vertices, faces):

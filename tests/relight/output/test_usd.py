@@ -8,8 +8,8 @@ from relight import Environment
 from relight.lamps.asked import LampScale, resolve
 from relight.lamps.files import read_lamps
 from relight.lamps.shapes import TubeLamp
-from relight.output.lamps_glb import PlacedLamps
-from relight.output.usd import FILE, LIGHT, SEEN_TO, UsdLight, write_usd
+from relight.output.lamps_glb import PlacedLamps, ShownLight
+from relight.output.usd import FILE, LIGHT, SEEN_TO, write_usd
 from splat2mesh.base.errors import DataWarning
 from splat2mesh.splats.formats import read_splats
 from splat2mesh.splats.placing import placed
@@ -25,7 +25,7 @@ def written(tmp_path_factory):
     bare = splats.take(slice(None))
     object.__setattr__(bare, "sh", splats.sh[:, :1] * np.float32(0.5))
     light = Environment.load("sunset").rotated(30.0)
-    names = write_usd(folder, {"relit": splats, "albedo": bare}, scene, albedo, UsdLight(light, 0.7))
+    names = write_usd(folder, {"relit": splats, "albedo": bare}, scene, albedo, ShownLight(light, 0.7))
     assert names == [FILE, LIGHT] and {path.name for path in folder.iterdir()} == {FILE, LIGHT}
     return folder, scene, albedo, splats, bare, light
 
@@ -41,7 +41,7 @@ def test_placed_lamps_stand_in_the_stage(tmp_path):
     lamp = TubeLamp((-1.0, 2.0, 0.5), (1.0, 2.5, 0.0), 0.02, (3.0, 2.0, 1.0))
     placed = PlacedLamps([lamp], ["tube"])
     write_usd(
-        tmp_path, {"relit": splats_of_ball(50)[0]}, scene, albedo, UsdLight(Environment.load("sunset"), 0.7, placed)
+        tmp_path, {"relit": splats_of_ball(50)[0]}, scene, albedo, ShownLight(Environment.load("sunset"), 0.7, placed)
     )
     with pytest.warns(DataWarning, match="skipped 1 distant and dome"):
         (asked,) = read_lamps(tmp_path / FILE)
@@ -110,7 +110,7 @@ def test_gloss_is_a_preview_surface_of_the_proxy(written, tmp_path):
 
     folder, scene, albedo, splats, _, light = written
     gloss = np.stack([np.linspace(0.1, 1, len(albedo)), np.arange(len(albedo)) % 2], axis=1).astype(np.float32)
-    write_usd(tmp_path, {"relit": splats}, scene, albedo, UsdLight(light, 0.7), gloss)
+    write_usd(tmp_path, {"relit": splats}, scene, albedo, ShownLight(light, 0.7), gloss)
     stage = opened(tmp_path)
     mesh = stage.GetPrimAtPath("/World/Proxy")
     material, _ = UsdShade.MaterialBindingAPI(mesh).ComputeBoundMaterial()
@@ -132,7 +132,7 @@ def test_gloss_is_a_preview_surface_of_the_proxy(written, tmp_path):
 
 def test_the_same_input_gives_the_same_bytes(written, tmp_path):
     folder, scene, albedo, splats, bare, light = written
-    write_usd(tmp_path, {"relit": splats, "albedo": bare}, scene, albedo, UsdLight(light, 0.7))
+    write_usd(tmp_path, {"relit": splats, "albedo": bare}, scene, albedo, ShownLight(light, 0.7))
     for name in (FILE, LIGHT):
         assert (tmp_path / name).read_bytes() == (folder / name).read_bytes()
 

@@ -11,7 +11,8 @@ from gltf_check import validator_issues
 from scipy.spatial import cKDTree
 
 from relight.albedo import Prior, albedo_of
-from relight.output.textured_files import png_bytes, write_textured_glb, write_transfer
+from relight.output.images import png_bytes
+from relight.output.textured_files import write_textured_glb, write_transfer
 from relight.texture import KnownColors, bake
 from splat2mesh.base.errors import InputError
 from splat2mesh.render.view import View

@@ -14,6 +14,7 @@ from viewer_scenes import SIZE, ball_on_plate, bare, session_of
 from relight.viewer import record_turntable, view
 from relight.viewer.notebook import run_loop, serve, show_widget
 from relight.viewer.recording import fit_to
+from relight.viewer.request import Turntable
 from relight.viewer.window import Window
 from splat2mesh.base.errors import InputError
 
@@ -71,7 +72,7 @@ def test_a_film_holds_every_angle_in_full_and_leaves_the_session_as_it_was(scene
         # 256 colours for each picture
         assert np.abs(film[index].astype(int) - bare(window)).mean() < 4.0
     before = window.session.state, window.orbit
-    window.record(tmp_path / "camera.gif", frames=3, what="camera")
+    window.record(tmp_path / "camera.gif", Turntable(frames=3, what="camera"))
     while window.recording:
         window.tick()
     assert (window.session.state, window.orbit) == before and window.note.startswith("saved")
@@ -118,7 +119,7 @@ def test_without_a_display_one_line_says_what_to_do(scene, monkeypatch):
 def test_a_film_goes_on_after_a_reset_and_a_resize_and_is_dropped_only_when_asked_twice(window, tmp_path):
     path = tmp_path / "turn.gif"
     window.session.change(angle_deg=10.0)
-    window.record(path, frames=4)
+    window.record(path, Turntable(frames=4))
     recording = window._recording
     while recording._done < 2:
         window.tick()
@@ -134,7 +135,7 @@ def test_a_film_goes_on_after_a_reset_and_a_resize_and_is_dropped_only_when_aske
         window.tick()
     assert iio.imread(path, index=None).shape == (4, *SIZE[::-1], 3) and str(path.absolute()) in window.note
     window.plotter.window_size = list(SIZE)
-    window.record(tmp_path / "dropped.gif", frames=40)
+    window.record(tmp_path / "dropped.gif", Turntable(frames=40))
     window.press_key("q")
     window.press_key("q")
     assert not window.is_open

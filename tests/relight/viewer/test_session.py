@@ -14,7 +14,7 @@ from relight.transfer.volume import Foliage
 from relight.viewer import quick
 from relight.viewer.camera import PICTURE_ASPECT, Orbit
 from relight.viewer.controls import CONTROLS, SLIDERS, key_name
-from relight.viewer.lighting import SAMPLE, SessionLighting, _gather, keys
+from relight.viewer.lighting import SAMPLE, SessionLighting, SessionScene, _gather, keys
 from relight.viewer.modes import MODES, error_scale, map_colors, surface_colors, vertex_errors
 from relight.viewer.request import SessionRequest
 from relight.viewer.session import REST_SECONDS, Session
@@ -139,7 +139,7 @@ def test_each_effect_that_is_off_is_the_engine_without_it(scene):
 def test_the_stated_error_is_the_distance_from_the_truth():
     # Convex, white, under a constant sky: every vertex sends out exactly 1.
     ball = as_scene(o3d.geometry.TriangleMesh.create_sphere(1.0, 20))
-    lighting = SessionLighting(ball, {"constant": constant()}, {"white": None}, Stages())
+    lighting = SessionLighting(SessionScene(ball, {"constant": constant()}, {"white": None}), Stages())
     session = session_of(ball, constant(), albedos={"white": None})
     for factor in (0.9, 1.0, 1.1):
         shown = np.full((len(ball.vertices), 3), factor, np.float32)
