@@ -104,13 +104,7 @@ def write_folder(scene: Any, path: str | os.PathLike[str], overwrite: bool = Fal
     """
     check_output(path, overwrite, META)
     with staged_folder(path, overwrite, META) as folder:
-        drawn = [chunk for number, chunk in enumerate(scene.chunks) if number not in scene.hull]
-        entries = _written(folder / "chunks", [*drawn, *scene.background, *scene.cards])
-        for index, entry in enumerate(entries[len(drawn) :]):
-            entry["background" if index < len(scene.background) else "cards"] = True
-        hull = _written(folder / HULL, [scene.chunks[number] for number in scene.hull]) if scene.hull else []
-        for entry, number in zip(hull, scene.hull, strict=True):
-            entry["chunk"] = number
+        entries, hull = _write_chunks(folder, scene)
         if len(scene.background_splats):
             np.save(folder / BACKGROUND, scene.background_splats.astype(np.int64))
         if scene.measured is not None:
@@ -137,6 +131,18 @@ def write_folder(scene: Any, path: str | os.PathLike[str], overwrite: bool = Fal
         meta = json.loads(text_of(meta))  # as a reader finds it
         meta["sha256"] = _sum(meta)
         (folder / META).write_text(text_of(meta, indent=1) + "\n", encoding="utf-8")
+
+
+def _write_chunks(folder: Path, scene: Any) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+    """Write the meshes of a scene; the entries of those that are drawn, and of the hull."""
+    drawn = [chunk for number, chunk in enumerate(scene.chunks) if number not in scene.hull]
+    entries = _written(folder / "chunks", [*drawn, *scene.background, *scene.cards])
+    for index, entry in enumerate(entries[len(drawn) :]):
+        entry["background" if index < len(scene.background) else "cards"] = True
+    hull = _written(folder / HULL, [scene.chunks[number] for number in scene.hull]) if scene.hull else []
+    for entry, number in zip(hull, scene.hull, strict=True):
+        entry["chunk"] = number
+    return entries, hull
 
 
 def _written(folder: Path, meshes: list[Mesh]) -> list[dict[str, Any]]:

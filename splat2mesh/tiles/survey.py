@@ -78,9 +78,9 @@ def plan_of(store: Store, pieces: list[CityPiece], counts: list[dict[str, Any]],
     ground = turned.means[:, [0, 2]].astype(np.float64)
     inside = ((turned.means >= bounds[0]) & (turned.means <= bounds[1])).all(axis=1)
     solid = ground[inside]
-    low, high = solid.min(axis=0), solid.max(axis=0)
+    extent = np.stack([solid.min(axis=0), solid.max(axis=0)])
     most = splats_for(settings["memory"], settings["tile_splats"])
-    plan.tiles, plan.counts = cut(solid, weights[inside], low, high, plan.block, plan.reach, most)
+    plan.tiles, plan.counts = cut(solid, weights[inside], extent, plan.block, plan.reach, most)
     return plan
 
 

@@ -83,21 +83,10 @@ def open_lcc(path: str | os.PathLike[str]) -> LccFile:
     path = Path(path)
     try:
         meta = read_json(path)
-        levels = int(meta["totalLevel"])
+        levels, promised = int(meta["totalLevel"]), tuple(int(count) for count in meta["splats"])
         if not 0 < levels <= MOST_LEVELS:
             raise InputError(f"{path}: totalLevel must be positive and at most {MOST_LEVELS}, found {levels}")
-        named = {str(each["name"]): each for each in meta["attributes"]}
-        kind = meta.get("fileType")
-        has_rest = kind == "Quality" or (kind != "Portable" and "shcoef" in named)
-        bounds = {}
-        for name, usual in (("scale", "scale"), ("shcoef", "shcoef"), ("envscale", "scale"), ("envshcoef", "shcoef")):
-            entry = named.get(name) or named.get(usual)
-            if entry is None and (has_rest or "scale" in name):
-                raise InputError(f"{path} does not describe an LCC scene: it lacks the bounds of {usual}")
-            if entry is not None:
-                low, high = (np.broadcast_to(np.asarray(entry[end], np.float32), 3) for end in ("min", "max"))
-                bounds[name] = np.stack([low, high])
-        promised = tuple(int(count) for count in meta["splats"])
+        has_rest, bounds = _bounds(path, meta)
     except InputError:
         raise
     except (ValueError, OverflowError, KeyError, IndexError, TypeError, AttributeError) as error:
@@ -110,6 +99,21 @@ def open_lcc(path: str | os.PathLike[str]) -> LccFile:
         raise InputError(f"{path} holds no splats: every level is empty")
     _check_sizes(path, units, has_rest)
     return LccFile(path, counts, units, bounds, has_rest)
+
+
+def _bounds(path: Path, meta: Any) -> tuple[bool, dict[str, NDArray[np.float32]]]:
+    """Whether there are harmonics, and the bounds of scales and harmonics, those of the environment too."""
+    named = {str(each["name"]): each for each in meta["attributes"]}
+    kind = meta.get("fileType")
+    has_rest = kind == "Quality" or (kind != "Portable" and "shcoef" in named)
+    bounds = {}
+    for name, usual in (("scale", "scale"), ("shcoef", "shcoef"), ("envscale", "scale"), ("envshcoef", "shcoef")):
+        entry = named.get(name) or named.get(usual)
+        if entry is None and (has_rest or "scale" in name):
+            raise InputError(f"{path} does not describe an LCC scene: it lacks the bounds of {usual}")
+        if entry is not None:
+            bounds[name] = np.stack([np.broadcast_to(np.asarray(entry[end], np.float32), 3) for end in ("min", "max")])
+    return has_rest, bounds
 
 
 def _units(path: Path, levels: int) -> NDArray[np.int64]:
