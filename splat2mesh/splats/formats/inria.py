@@ -31,7 +31,7 @@ _COLORS = ("red", "green", "blue"), ("r", "g", "b")
 _FILTER = "filter_3D"
 FULL_DETAIL = 1 / 7
 """Steps between float32 numbers, in splats' widths, up to which a mesh is as good as at the origin: `extent.py`."""
-DEGREES = DEGREE_OF_COEFFICIENTS | {25: 4}
+DEGREES = {(degree + 1) ** 2: degree for degree in range(5)}
 """Degrees of harmonics in files, by coefficients per channel; above the third they are not read."""
 # Rows moved at a time: few enough to stay in the cache while all of their columns are picked.
 _BLOCK = 8192
