@@ -8,7 +8,7 @@ import numpy as np
 from ..base.errors import InputError
 from ..splats.cleaning import REASONS, say_dropped, usable
 from ..splats.extent import check_extent
-from ..splats.facts import HERE, FileFacts, common
+from ..splats.facts import FileFacts, common
 from ..splats.joining import joined
 from ..splats.placing import placed
 from ..splats.splats import MIN_SPLATS, NUMBERS, Splats
@@ -121,7 +121,7 @@ def deal(store: Store, key: str, number: int) -> dict[str, Any]:
 
 def splats_from(kept: dict[str, Any], rows: slice = slice(None)) -> Splats:
     """Splats of the arrays that `deal` writes, in the frame of their source."""
-    x, y, z = kept["offset"].tolist() if "offset" in kept else HERE
+    x, y, z = kept["offset"].tolist()
     return Splats(**{field: kept[field][rows] for field in NUMBERS}, facts=FileFacts(offset=(x, y, z)))
 
 

@@ -57,10 +57,6 @@ class LccFile:
     bounds: dict[str, NDArray[np.float32]]
     has_rest: bool
 
-    def level(self, lod: int | str) -> int:
-        """Return the number of the level that `lod` names, as `streamed.level_of` does."""
-        return level_of(self.path, self.counts, lod)
-
     @property
     def files(self) -> tuple[Path, ...]:
         """Everything that is read, in its order."""
@@ -150,7 +146,7 @@ def read(path: str | os.PathLike[str], lod: int | str = "auto") -> Splats:
     is marked so. Raises InputError as `open_lcc` does.
     """
     scene = open_lcc(path)
-    level = scene.level(lod)
+    level = level_of(scene.path, scene.counts, lod)
     counts, starts = scene.units[:, level].T
     rows = [np.arange(count) + start // _SPLAT.itemsize for count, start in zip(counts, starts, strict=True) if count]
     if (starts[counts > 0] % _SPLAT.itemsize).any():

@@ -39,10 +39,6 @@ class Streamed:
     tiles: tuple[dict[Path, int], ...]
     environment: Path | None
 
-    def level(self, lod: int | str = "auto") -> int:
-        """Return the number of the level that `lod` names, as `level_of` does."""
-        return level_of(self.path, self.counts, lod)
-
     def check_tiles(self, level: int) -> None:
         """Check that every tile of a level is there. Raises InputError where one is missing."""
         tiles = self.tiles[level]

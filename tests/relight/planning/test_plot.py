@@ -25,9 +25,7 @@ def test_the_curve_of_a_plan_is_drawn_with_its_choice(mesh, tmp_path, capsys):
     assert f"{path}: what accuracy costs here" in capsys.readouterr().out
     image = iio.imread(path)[..., :3].astype(int)
     wanted = np.array([int(CHOICE[at : at + 2], 16) for at in (1, 3, 5)])
-    assert (
-        np.abs(image - wanted).sum(axis=-1) < 10
-    ).sum() > 50  # its point and the tolerance's line
+    assert (np.abs(image - wanted).sum(axis=-1) < 10).sum() > 50  # its point and the tolerance's line
 
 
 @pytest.mark.parametrize("more", [["--plot", "cost.png"], ["--plan", "--plot", "cost.exr"]])
