@@ -124,7 +124,7 @@ def mesh_files(
     if tiling is not None or is_url(path):
         from .tiles.city import convert_city
 
-        report = convert_city(path, target, asked, tiling, overwrite=overwrite, stages=stages)
+        report = convert_city(path, target, asked, tiling or TilingOptions(), overwrite, stages)
         return MeshedFiles(target, None, report)
     check_output(target, overwrite, META)
     scene = convert(path, asked, stages=stages)

@@ -10,15 +10,6 @@ from pathlib import Path
 from typing import Any
 
 from .base.ahead import LIST, compiled_ahead
-from .base.choices import (
-    BACKGROUND_CHOICES,
-    DETAIL_CHOICES,
-    FOLIAGE_CHOICES,
-    PROXY_CHOICES,
-    STAND_CHOICES,
-    SURFACE_CHOICES,
-    UP_CHOICES,
-)
 from .base.collecting import compile_without_collector
 from .base.commandline import Parser, chosen, count
 from .base.completion import add_completion, offer
@@ -28,7 +19,7 @@ from .base.inputs import is_url
 from .base.progress import Stages
 from .base.requests import given, option_names
 from .base.version import VERSION
-from .options import ConvertOptions, TilingOptions
+from .options import CHOICES, ConvertOptions, TilingOptions
 
 EXAMPLES = """examples:
   splat2mesh garden.ply                        writes the scene folder garden/
@@ -48,19 +39,8 @@ DEFAULT_TEXTURE = "auto"
 KERNELS = Path(__file__).with_name(LIST)
 """Kernels that the command compiles on its first run."""
 
-_CHOSEN: dict[str, tuple[str, tuple[str, ...]]] = {
-    "detail": ("--detail", DETAIL_CHOICES),
-    "surface": ("--surface", SURFACE_CHOICES),
-    "background": ("--background", BACKGROUND_CHOICES),
-    "stand": ("--from", STAND_CHOICES),
-    "foliage": ("--foliage", FOLIAGE_CHOICES),
-    "proxy": ("--proxy", PROXY_CHOICES),
-}
-"""Fields whose words ignore case, with the option of each."""
-
 MESHING_WORDS: dict[str, Iterable[str]] = {
-    **dict(_CHOSEN.values()),
-    "--up": UP_CHOICES,
+    **{"--from" if name == "stand" else f"--{name}": choices for name, choices in CHOICES.items()},
     "--vertices": ("auto",),
     "--texture": ("auto", "none"),
     "--lod": ("auto",),
@@ -161,16 +141,16 @@ def convert_options(words: argparse.Namespace) -> ConvertOptions:
     said = given(ConvertOptions, words)
     if "up" in said:
         up = said["up"].lower()
-        said["up"] = chosen("--up", f"+{up}" if up in "xyz" else up, UP_CHOICES)
+        said["up"] = f"+{up}" if up in "xyz" else up
     if "vertices" in said:
         said["vertices"] = _count(said["vertices"])
     if "texture" in said:
         said["texture"] = said["texture"].lower()
     if "eyes" in said:
         said["eyes"] = [_point(text) for text in said["eyes"]]
-    for name, (option, choices) in _CHOSEN.items():
+    for name, choices in CHOICES.items():
         if name in said:
-            said[name] = chosen(option, said[name], choices)
+            said[name] = chosen("--from" if name == "stand" else f"--{name}", said[name], choices)
     return ConvertOptions(**said)
 
 

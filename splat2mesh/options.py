@@ -22,6 +22,17 @@ from .base.choices import (
 )
 from .base.errors import InputError
 
+CHOICES = {
+    "up": UP_CHOICES,
+    "detail": DETAIL_CHOICES,
+    "surface": SURFACE_CHOICES,
+    "background": BACKGROUND_CHOICES,
+    "stand": STAND_CHOICES,
+    "foliage": FOLIAGE_CHOICES,
+    "proxy": PROXY_CHOICES,
+}
+"""What the fields that are words may be."""
+
 LEAST_VERTICES = 4
 """Least vertices of a closed mesh: a tetrahedron."""
 
@@ -92,14 +103,9 @@ class ConvertOptions:
             raise InputError(f"`vertices` {self.vertices}: a mesh needs at least {LEAST_VERTICES}")
         if self.max_chunk_vertices < LEAST_CHUNK:
             raise InputError(f"`max_chunk_vertices` {self.max_chunk_vertices}: a chunk needs at least {LEAST_CHUNK}")
-        check_choice("up", self.up, UP_CHOICES)
-        check_choice("detail", self.detail, DETAIL_CHOICES)
-        check_choice("surface", self.surface, SURFACE_CHOICES)
-        check_choice("background", self.background, BACKGROUND_CHOICES)
-        check_choice("stand", self.stand, STAND_CHOICES)
-        check_choice("foliage", self.foliage, FOLIAGE_CHOICES)
-        if self.proxy is not None:
-            check_choice("proxy", self.proxy, PROXY_CHOICES)
+        for name, choices in CHOICES.items():
+            if name != "proxy" or self.proxy is not None:
+                check_choice(name, getattr(self, name), choices)
         object.__setattr__(self, "lod", check_lod(self.lod))
         object.__setattr__(self, "texture", check_texture(self.texture))
         object.__setattr__(self, "seed", check_seed(self.seed))

@@ -41,9 +41,9 @@ def write_textured_glb(
     Vertices stand in the order of `baked.atlas`; on seams of the texture there are several of one scene vertex. The
     same input gives the same bytes.
     """
-    shine = None if gloss is None else png_bytes(_gloss_image(baked.atlas, gloss))
+    pictures = [picture] if gloss is None else [picture, png_bytes(_gloss_image(baked.atlas, gloss))]
     material = "relit" if unlit else "albedo"
-    file = textured_glb(scene, baked.atlas, picture, len(scene.chunks), material, unlit, shine)
+    file = textured_glb(scene, baked.atlas, pictures, len(scene.chunks), material, unlit)
     add_cards(file, others, unlit)
     file.save(path, extras)
 

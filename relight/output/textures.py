@@ -58,7 +58,7 @@ class SceneTextures:
         own, exposure = self._own, shaded.exposure
         assert own is not None
         picture = jpeg_bytes(own.relit(self._received(shaded), exposure))
-        file = textured_glb(self._part.scene, own.atlas, picture, len(self._part.scene.chunks), "relit")
+        file = textured_glb(self._part.scene, own.atlas, [picture], len(self._part.scene.chunks), "relit")
         add_cards(file, self._without_texture(self._shown(shaded)))
         add_lamps(file, placed)
         file.save(path, {"exposure": float(exposure), **extras})

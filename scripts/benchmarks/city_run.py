@@ -9,29 +9,32 @@ from pathlib import Path
 
 import numpy as np
 
+from splat2mesh.base.progress import Stages
 from splat2mesh.options import ConvertOptions, TilingOptions
 from splat2mesh.tiles import survey
-from splat2mesh.tiles.city import convert_city
-from splat2mesh.tiles.tasks import engine
+from splat2mesh.tiles.city import city_in_steps
+from splat2mesh.tiles.steps import TaskSteps
+from splat2mesh.tiles.store import Store
+from splat2mesh.tiles.tasks import tiling_engine
 
 
 def main(source, output, workers, settings):
-    """Mesh a city; JSON on stdout. workers, settings: JSON; settings are those of `convert_city`, `pixels`, the side
+    """Mesh a city; JSON on stdout. workers, settings: JSON; settings are those of a city, `pixels`, the side
     of the views, and `deaths`, in how many runs one of the workers is killed
     besides two in which none is."""
     workers, settings = json.loads(workers), json.loads(settings)
     survey.PIXELS["draft"] = settings.pop("pixels", survey.PIXELS["draft"])
     deaths = settings.pop("deaths", None)
-    with engine(None, workers, None) as running:
+    with tiling_engine(TilingOptions(workers=workers), Stages()) as running:
         if deaths is None:
-            print(json.dumps(convert_city(source, output, *_asked(settings), engine=running)))
+            print(json.dumps(city_in_steps(source, TaskSteps(Store(output), running, Stages()), *_asked(settings))))
             return
         usual, died, number = 0.0, 0, 0
         while died < deaths or number < 1:
             place, start = Path(f"{output}_{number}"), time.perf_counter()
             after = random.Random(number).uniform(0.05, 0.95) * usual if number > 1 else None
             killer = _Killer(running.client, place, after)
-            convert_city(source, place, *_asked(settings), engine=running)
+            city_in_steps(source, TaskSteps(Store(place), running, Stages()), *_asked(settings))
             usual = min(usual or np.inf, time.perf_counter() - start)
             found = killer.found()
             died += found["killed_after"] is not None

@@ -20,11 +20,8 @@ from typing import Any
 
 from .errors import InputError
 
-LARGEST_JSON = 64 << 20
-"""Bytes of a JSON file: the largest known, the tree of a streamed SOG, has 3 MB."""
-
-LARGEST_SMALL_FILE = 64 << 20
-"""Bytes of an array file that is small by nature, such as the background rows of a scene."""
+LARGEST_TEXT = 64 << 20
+"""Bytes of a JSON file, or a library of materials: the largest known, the tree of a streamed SOG, has 3 MB."""
 
 FREE_SPLATS = 1_000_000
 """Splats that any file may declare: they take a few hundred megabytes."""
@@ -64,13 +61,13 @@ def check_special(path: str | os.PathLike[str]) -> None:
 
 
 def read_json(path: str | os.PathLike[str], **how: Any) -> Any:
-    """The content of a JSON file of at most LARGEST_JSON bytes; `how` goes to json.loads.
+    """The content of a JSON file of at most LARGEST_TEXT bytes; `how` goes to json.loads.
 
     Raises InputError for anything but a regular file and for one too large, ValueError for invalid JSON.
     """
     size = file_size(path, "JSON file")
-    if size > LARGEST_JSON:
-        raise InputError(f"{path} takes {size >> 20} MB, expected at most {LARGEST_JSON >> 20} of JSON")
+    if size > LARGEST_TEXT:
+        raise InputError(f"{path} takes {size >> 20} MB, expected at most {LARGEST_TEXT >> 20} of JSON")
     return loads(Path(path).read_bytes(), **how)
 
 

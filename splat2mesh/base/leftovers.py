@@ -17,7 +17,8 @@ from .errors import DataWarning, InputError
 
 NAME, NEW, OLD = "name", "new", "old"
 SUFFIX = ".unfinished"
-_LONGEST_STEM = 200  # bytes of a name that are kept as they are: with dot, suffix and hash it fits into 255
+LONGEST_NAME = 255
+"""Bytes of one name, on every file system in use."""
 
 
 class Busy(Exception):
@@ -30,7 +31,7 @@ def workspace_of(path: Path) -> Path:
     path: of the output.
     """
     stem = path.name
-    if len(os.fsencode(stem)) > _LONGEST_STEM:
+    if len(os.fsencode(stem)) > LONGEST_NAME - len(f".{SUFFIX}"):
         stem = hashlib.sha256(os.fsencode(stem)).hexdigest()[:32]
     return path.with_name(f".{stem}{SUFFIX}")
 

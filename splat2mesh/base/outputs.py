@@ -13,10 +13,7 @@ from pathlib import Path
 
 from .errors import InputError
 from .interrupts import shielded
-from .leftovers import NAME, NEW, OLD, Busy, claim, release, sweep, workspace_of
-
-LONGEST_NAME = 255
-"""Bytes of one name, on every file system in use."""
+from .leftovers import LONGEST_NAME, NAME, NEW, OLD, Busy, claim, release, sweep, workspace_of
 
 _growing: list[Path] = []  # folders that this process fills at the moment, and that appear as a whole
 

@@ -32,8 +32,7 @@ from .mesh import Mesh
 from .meshfile import read_mesh, write_mesh_ply
 
 SCHEMA_VERSION, WITHOUT_LEAVES = 3, 2
-"""1 had no checksums; scenes of it are read as they are. 3 has a hull or cards of leaves; a scene without is written as
-2, which earlier readers know."""
+"""3 has a hull or cards of leaves; a scene without is written as 2, which earlier readers know."""
 
 SUMMED = (
     "source",
@@ -49,9 +48,6 @@ SUMMED = (
 """Keys that the checksum of scene.json covers: all that a program reads from it."""
 
 META = "scene.json"
-MOST_REACH = 1e4
-"""Largest distance of a camera, in sizes of the scene: from there the scene covers a tenth of a pixel."""
-
 HULL = "hull"
 """Folder, and key of scene.json, of the chunks that are not drawn."""
 
@@ -66,31 +62,37 @@ def read_folder(path: Path) -> tuple[list[Mesh], list[Mesh], dict[str, Any]]:
     """Read a scene folder.
 
     Returns chunks; background; fields: the other fields of the Scene. Raises InputError where anything is broken, or
-    differs from its checksum, and for a newer schema version.
+    differs from its checksum, and for another schema version.
     """
-    entries, fields, sums = _read_meta(path / META)
+    meta = _checked_meta(path / META)
     kinds: dict[str, list[Mesh]] = {"chunks": [], "background": [], "cards": [], HULL: []}
-    for file, kind, *expected in entries:
-        mesh = read_mesh(file, in_place=True)
-        found = [len(mesh.vertices), len(mesh.faces)]
-        if found != expected:
-            raise InputError(
-                f"{path / file.parent.name / file.name}: holds {found[0]} vertices and {found[1]} faces, "
-                f"{META} says {expected[0]} and {expected[1]}; convert the splat again"
-            )
-        if file in sums and sha256_of(file) != sums[file]:
-            raise _changed(file)
-        kinds[kind].append(mesh)
-    chunks, fields["cards"] = kinds["chunks"], kinds["cards"]
-    for number, mesh in zip(fields[HULL], kinds[HULL], strict=True):
-        chunks.insert(number, mesh)
-    for file in (path / name for name in BESIDE):
-        if file in sums and sha256_of(file) != sums[file]:
-            raise _changed(file)
-    if (path / BACKGROUND).is_file():
-        fields["background_splats"] = _read_rows(path / BACKGROUND)
-    if (path / MEASURED).is_file():
-        fields["measured"] = Measured.load(path / MEASURED, sum(len(chunk.vertices) for chunk in chunks))
+    try:
+        if _sum(meta) != meta.get("sha256"):
+            raise _changed(path / META)
+        hull = meta.get(HULL, [])
+        for entry, folder in [(entry, "chunks") for entry in meta["chunks"]] + [(entry, HULL) for entry in hull]:
+            file = inside(path / folder, entry["file"], path / META)
+            mesh = read_mesh(file, in_place=True)
+            _check_file(file, entry["sha256"])
+            kinds[next((name for name in ("background", "cards") if entry.get(name)), folder)].append(mesh)
+        chunks, numbers = kinds["chunks"], tuple(int(entry["chunk"]) for entry in hull)
+        for number, mesh in zip(numbers, kinds[HULL], strict=True):
+            chunks.insert(number, mesh)
+        fields = {name: meta[name] for name in ("preview_camera", "capture", "settings", "statistics")}
+        fields |= {HULL: numbers, "cards": kinds["cards"]}
+        fields["source"] = _with_paths(meta["source"], lambda file: absolute(file, path))
+        fields["scene_from_splat"] = np.array(meta["scene_from_splat"], np.float64).reshape(4, 4)
+        for name in BESIDE:
+            if name in meta["files"]:
+                _check_file(path / name, meta["files"][name])
+        if BACKGROUND in meta["files"]:
+            fields["background_splats"] = _read_rows(path / BACKGROUND)
+        if MEASURED in meta["files"]:
+            fields["measured"] = Measured.load(path / MEASURED, sum(len(chunk.vertices) for chunk in chunks))
+    except InputError:
+        raise
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise InputError(f"{path / META}: damaged ({error!r}); convert the splat again") from error
     return chunks, kinds["background"], fields
 
 
@@ -102,23 +104,15 @@ def write_folder(scene: Any, path: str | os.PathLike[str], overwrite: bool = Fal
     """
     check_output(path, overwrite, META)
     with staged_folder(path, overwrite, META) as folder:
-        drawn = [chunk for number, chunk in enumerate(scene.chunks) if number not in scene.hull]
-        entries = _written(folder / "chunks", [*drawn, *scene.background, *scene.cards])
-        for index, entry in enumerate(entries[len(drawn) :]):
-            entry["background" if index < len(scene.background) else "cards"] = True
-        hull = _written(folder / HULL, [scene.chunks[number] for number in scene.hull]) if scene.hull else []
-        for entry, number in zip(hull, scene.hull, strict=True):
-            entry["chunk"] = number
+        entries, hull = _write_chunks(folder, scene)
         if len(scene.background_splats):
             np.save(folder / BACKGROUND, scene.background_splats.astype(np.int64))
         if scene.measured is not None:
             scene.measured.save(folder / MEASURED)
-        if scene.picture is not None:
-            (folder / PICTURE).write_bytes(iio.imwrite("<bytes>", scene.picture, extension=".png"))
-        if scene.proxy is not None:
-            (folder / PROXY).write_bytes(scene.proxy)
-        if scene.textured is not None:
-            (folder / TEXTURED).write_bytes(scene.textured)
+        picture = None if scene.picture is None else iio.imwrite("<bytes>", scene.picture, extension=".png")
+        for name, content in ((PICTURE, picture), (PROXY, scene.proxy), (TEXTURED, scene.textured)):
+            if content is not None:
+                (folder / name).write_bytes(content)
         meta = {
             "schema_version": SCHEMA_VERSION if scene.hull or scene.cards else WITHOUT_LEAVES,
             "version": VERSION,
@@ -137,6 +131,18 @@ def write_folder(scene: Any, path: str | os.PathLike[str], overwrite: bool = Fal
         meta = json.loads(text_of(meta))  # as a reader finds it
         meta["sha256"] = _sum(meta)
         (folder / META).write_text(text_of(meta, indent=1) + "\n", encoding="utf-8")
+
+
+def _write_chunks(folder: Path, scene: Any) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+    """Write the meshes of a scene; the entries of those that are drawn, and of the hull."""
+    drawn = [chunk for number, chunk in enumerate(scene.chunks) if number not in scene.hull]
+    entries = _written(folder / "chunks", [*drawn, *scene.background, *scene.cards])
+    for index, entry in enumerate(entries[len(drawn) :]):
+        entry["background" if index < len(scene.background) else "cards"] = True
+    hull = _written(folder / HULL, [scene.chunks[number] for number in scene.hull]) if scene.hull else []
+    for entry, number in zip(hull, scene.hull, strict=True):
+        entry["chunk"] = number
+    return entries, hull
 
 
 def _written(folder: Path, meshes: list[Mesh]) -> list[dict[str, Any]]:
@@ -194,32 +200,16 @@ def absolute(file: str | os.PathLike[str], folder: str | os.PathLike[str] = ".")
     return os.path.normpath(Path(os.path.realpath(whole.parent), whole.name))
 
 
-def _check_camera(camera: Any, bounds: Any) -> None:
-    """Raise ValueError for a camera that cannot look at the scene from where it stands."""
-    if camera is None:
-        return
-    places = np.array([camera[name] for name in ("eye", "target", "up")], np.float64).reshape(3, 3)
-    low, high = np.array([[-1.0] * 3, [1.0] * 3] if bounds is None else bounds, np.float64).reshape(2, 3)
-    reach = MOST_REACH * max(float(np.abs([low, high]).max()), float(np.linalg.norm(high - low)))
-    sound = np.isfinite(places).all() and np.abs(places).max() <= max(reach, 1.0) and places[2].any()
-    if not (sound and (places[0] != places[1]).any() and 0.0 < float(camera["fov_deg"]) < 180.0):
-        raise ValueError(f"no camera can stand at {camera['eye']}, look at {camera['target']}")
-
-
 def sha256_of(path: Path) -> str:
     """Return the SHA-256 of a regular file.
 
     Hexadecimal. Raises InputError for what is no regular file.
     """
     file_size(path, "file of a scene")
-    with open(path, "rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest() if hasattr(hashlib, "file_digest") else _digest(file)
-
-
-def _digest(file: Any) -> str:
     digest = hashlib.sha256()
-    while block := file.read(1 << 20):
-        digest.update(block)
+    with open(path, "rb") as file:
+        while block := file.read(1 << 20):
+            digest.update(block)
     return digest.hexdigest()
 
 
@@ -234,17 +224,9 @@ def _sum(meta: dict[str, Any]) -> str:
     return hashlib.sha256(json.dumps(fields | {"source": source}, sort_keys=True).encode()).hexdigest()
 
 
-def _check_sums(path: Path, meta: dict[str, Any]) -> None:
-    """Raise InputError where scene.json is not as it was written. Version 1 had no sums."""
-    files = [*meta["chunks"], *meta.get(HULL, [])]
-    summed = ["sha256" in meta, "files" in meta, *("sha256" in entry for entry in files)]
-    if meta["schema_version"] == 1 and not any(summed):
-        return
-    if not all(summed) or _sum(meta) != meta["sha256"]:
-        raise _changed(path)
-    extra = [name for name in BESIDE if (path.parent / name).exists() and name not in meta["files"]]
-    if extra:
-        raise InputError(f"{path.parent / extra[0]}: no part of this scene, whose {META} does not name it: remove it")
+def _check_file(file: Path, expected: str) -> None:
+    if sha256_of(file) != expected:
+        raise _changed(file)
 
 
 def _changed(path: Path) -> InputError:
@@ -252,7 +234,7 @@ def _changed(path: Path) -> InputError:
     return InputError(f"{path}: damaged or changed since it was written (its SHA-256 differs): {advice}")
 
 
-_REQUIRED = ("chunks", "scene_from_splat", "preview_camera", "source", "settings", "statistics")
+_REQUIRED = ("chunks", "scene_from_splat", "source", "files", "sha256")
 
 
 def _checked_meta(path: Path) -> dict[str, Any]:
@@ -266,46 +248,13 @@ def _checked_meta(path: Path) -> dict[str, Any]:
             raise
         raise InputError(f"{path}: not valid JSON ({error}); convert the splat again") from error
     version = meta.get("schema_version") if isinstance(meta, dict) else None
-    if not isinstance(version, int) or version < 1:
+    if not isinstance(version, int):
         raise InputError(f"{path}: has no schema_version, so it is not a scene of this tool")
     if version > SCHEMA_VERSION:
         raise InputError(f"{path}: schema version {version}, this tool reads up to {SCHEMA_VERSION}; update the tool")
+    if version < WITHOUT_LEAVES:
+        raise InputError(f"{path}: schema version {version} is no longer read; convert the splat again")
     missing = [name for name in _REQUIRED if name not in meta]
     if missing or not meta["chunks"]:
         raise InputError(f"{path}: lacks {', '.join(missing) or 'chunks'}; convert the splat again")
     return meta
-
-
-def _read_meta(path: Path) -> tuple[list[Any], dict[str, Any], dict[Path, str]]:
-    """Of scene.json: [file, kind, vertices, faces] of each chunk, the Scene's other fields, and the SHA-256 of files.
-
-    Kinds are chunks, background, cards and hull."""
-    meta = _checked_meta(path)
-    try:
-        listed = [(entry, "chunks") for entry in meta["chunks"]] + [(entry, HULL) for entry in meta.get(HULL, [])]
-        entries: list[Any] = []
-        sums: dict[Path, str] = {}
-        for entry, folder in listed:
-            file = inside(path.parent / folder, entry["file"], path)
-            kind = next((name for name in ("background", "cards") if entry.get(name)), folder)
-            entries.append([file, kind, entry["vertices"], entry["faces"]])
-            sums |= {file: entry["sha256"]} if "sha256" in entry else {}
-        sums |= {path.parent / name: digest for name, digest in meta.get("files", {}).items() if name in BESIDE}
-        if all(kind == "background" for _, kind, *_ in entries):
-            raise ValueError("only background chunks")
-        hull = tuple(int(entry["chunk"]) for entry in meta.get(HULL, []))
-        total = len(hull) + sum(kind == "chunks" for _, kind, *_ in entries)
-        if list(hull) != sorted(set(hull)) or (hull and not 0 <= hull[0] <= hull[-1] < total):
-            raise ValueError(f"hull chunks {hull} of {total}")
-        fields = {HULL: hull, "capture": dict(meta.get("capture", {})), **{name: meta[name] for name in _REQUIRED[2:]}}
-        fields["source"] = _with_paths(meta["source"], lambda file: absolute(file, path.parent))
-        fields["scene_from_splat"] = np.array(meta["scene_from_splat"], np.float64).reshape(4, 4)
-        if not np.isfinite(fields["scene_from_splat"]).all():
-            raise ValueError("scene_from_splat is not finite")
-        _check_camera(fields["preview_camera"], meta.get("bounds"))
-        _check_sums(path, meta)
-    except InputError:
-        raise
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
-        raise InputError(f"{path}: damaged ({error!r}); convert the splat again") from error
-    return entries, fields, sums

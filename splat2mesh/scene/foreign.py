@@ -49,7 +49,7 @@ def as_scene(source: AnyScene) -> Scene:
     if library == "trimesh":
         return _scene(*_of_trimesh(source))
     if library == "open3d":
-        return _scene(*(_of_tensors(source) if hasattr(source, "vertex") else _of_open3d(source)))
+        return _scene(*_of_open3d(source))
     if hasattr(source, "point_data") and hasattr(source, "extract_surface"):
         return _scene(*_of_pyvista(source))
     kind = f"{type(source).__module__}.{type(source).__qualname__}"
@@ -133,21 +133,14 @@ def _of_trimesh_material(visual: Any, count: int) -> Any:
 
 
 def _of_open3d(mesh: Any) -> tuple[Any, Any, Any, Any]:
+    if hasattr(mesh, "vertex"):  # of tensors
+        mesh = mesh.to_legacy()
     if not hasattr(mesh, "triangles"):
         raise InputError(f"expected a triangle mesh, found an open3d {type(mesh).__name__}")
     if not mesh.has_vertex_colors() and mesh.has_textures():
         warnings.warn("an open3d mesh: its textures are not read; save it as .glb", DataWarning, stacklevel=3)
     normals = mesh.vertex_normals if mesh.has_vertex_normals() else None
     return mesh.vertices, mesh.triangles, normals, mesh.vertex_colors if mesh.has_vertex_colors() else None
-
-
-def _of_tensors(mesh: Any) -> tuple[Any, Any, Any, Any]:
-    known = {
-        name: mesh.vertex[name].cpu().numpy() for name in ("positions", "normals", "colors") if name in mesh.vertex
-    }
-    if "positions" not in known or "indices" not in mesh.triangle:
-        raise InputError("expected a triangle mesh, found an open3d tensor mesh without positions or indices")
-    return known["positions"], mesh.triangle["indices"].cpu().numpy(), known.get("normals"), known.get("colors")
 
 
 def _of_pyvista(data: Any) -> tuple[Any, Any, Any, Any]:

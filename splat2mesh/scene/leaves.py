@@ -107,17 +107,17 @@ def _clumps(boxes: Indices, held: Indices) -> Indices:
         1.8, output_type="ndarray"
     )  # beyond the diagonal of a box, short of two
     clumps = np.zeros(len(boxes), np.int64)
-    clumps[held] = _connected(pairs, len(held))
+    clumps[held] = connected(pairs, len(held))
     return clumps
 
 
 def _pieces(corners: Indices) -> Indices:
     """The connected piece of the mesh that each face is in, (F,). corners: (F, 3)."""
     edges = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]]])
-    return _connected(edges, int(corners.max(initial=0)) + 1)[corners[:, 0]]
+    return connected(edges, int(corners.max(initial=0)) + 1)[corners[:, 0]]
 
 
-def _connected(edges: Indices, count: int) -> Indices:
+def connected(edges: Indices, count: int) -> Indices:
     """The number of the connected part that each of `count` nodes is in. edges: (E, 2)."""
     ones = np.ones(len(edges), np.int8)
     _, part = scipy.sparse.csgraph.connected_components(

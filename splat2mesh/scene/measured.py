@@ -19,7 +19,8 @@ FILE = "measured.npz"
 LARGEST = 1 << 29
 """Bytes of all its arrays: a byte a splat and a byte a vertex are far below."""
 
-SKY_HEIGHT, SKY_WIDTH = 64, 128
+SKY_HEIGHT = 64
+SKY_WIDTH = 2 * SKY_HEIGHT
 """Texels of 2.8 degrees: the light of a scene needs no finer ones, except for suns, and those are clipped."""
 
 THICKET = 0.4

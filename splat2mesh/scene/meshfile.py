@@ -35,9 +35,6 @@ WITH_MATERIALS = (".obj", ".glb", ".gltf")
 LARGEST_COORDINATE = 1e15
 """Beyond it squares, cubes and the areas of faces leave float32; the same length is absurd in a splat."""
 
-MOST_COPIES = 16
-"""Faces that may lie exactly on one another: leaves have two, and no mesh that was made with care more than a few."""
-
 LOOKED_AT, INVERTED = 4096, 0.9
 """Faces in the sample, and the share of reversed normals above which a warning follows."""
 
@@ -83,10 +80,10 @@ def checked_mesh(surface: UncheckedMesh, path: str | os.PathLike[str]) -> Mesh:
     path: of its file, for messages. Raises InputError for what cannot be lit. Warns with a DataWarning as `read_mesh`
     does.
     """
-    points, faces, normals, colors, moved = surface
-    if len(faces) == 0:
+    points, corners, normals, colors, moved = surface
+    if len(corners) == 0:
         raise InputError(f"{path}: holds no triangles; expected a triangle mesh")
-    check_corners(faces, len(points), path)
+    check_corners(corners, len(points), path)
     bad = np.count_nonzero(~np.isfinite(points).all(axis=1))
     if bad:
         raise InputError(f"{path}: {bad} of {len(points)} vertices are not finite; repair the mesh first")
@@ -97,8 +94,8 @@ def checked_mesh(surface: UncheckedMesh, path: str | os.PathLike[str]) -> Mesh:
         most = f"{LARGEST_COORDINATE:g}"
         raise InputError(f"{path}: {far} of {len(points)} vertices lie beyond +-{most}; repair the mesh first")
     vertices = points.astype(np.float32)
-    kept = _without_copies(vertices, faces, path).astype(np.int32)
-    return Mesh(vertices, _normals(normals, vertices, kept, path), kept, _color_bytes(colors, len(vertices)))
+    faces = corners.astype(np.int32)
+    return Mesh(vertices, _normals(normals, vertices, faces, path), faces, _color_bytes(colors, len(vertices)))
 
 
 def _normals(given: NDArray | None, vertices: NDArray, faces: NDArray, path: str | os.PathLike[str]) -> NDArray:
@@ -117,28 +114,6 @@ def _normals(given: NDArray | None, vertices: NDArray, faces: NDArray, path: str
     if missing.any():
         normals = np.where(missing[:, None], vertex_normals(vertices, faces), normals)
     return normals
-
-
-def _without_copies(vertices: NDArray, faces: NDArray, path: str | os.PathLike[str]) -> NDArray:
-    """Faces without those that lie on MOST_COPIES others to the bit: rays would try them all, one by one."""
-    factors = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], np.uint64)
-    with np.errstate(over="ignore"):
-        place = ((vertices + np.float32(0.0)).view(np.uint32) * factors).sum(axis=1, dtype=np.uint64)
-        place ^= place >> np.uint64(31)
-        place *= factors[1]
-        triangle = place[faces].sum(axis=1, dtype=np.uint64)
-    _, group, counts = np.unique(triangle, return_inverse=True, return_counts=True)
-    if counts.max() <= MOST_COPIES:
-        return faces
-    order = np.argsort(group.reshape(-1), kind="stable")
-    rank = np.zeros(len(faces), np.int64)
-    rank[order] = np.arange(len(faces)) - np.repeat(np.cumsum(counts) - counts, counts)
-    kept = rank < MOST_COPIES
-    message = (
-        f"{path}: left out {np.count_nonzero(~kept)} of {len(faces)} faces, which lie exactly on {MOST_COPIES} others"
-    )
-    warnings.warn(message, DataWarning, stacklevel=4)
-    return faces[kept]
 
 
 def _color_bytes(colors: NDArray | None, count: int) -> NDArray[np.uint8]:

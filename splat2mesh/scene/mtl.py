@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.errors import DataWarning, InputError
-from ..base.inputs import LARGEST_SMALL_FILE, file_size, inside, reading
+from ..base.inputs import LARGEST_TEXT, file_size, inside, reading
 from .color import linear_from_srgb, srgb_from_linear
 from .gltftextures import MOST_TEXELS, MappedTexture, decoded
 
@@ -93,7 +93,7 @@ class Materials:
     def _read(self, library: str) -> dict[str, Material]:
         try:
             file = inside(self._path.parent, library, self._path)
-            if file_size(file) > LARGEST_SMALL_FILE:
+            if file_size(file) > LARGEST_TEXT:
                 raise InputError("too large")
             lines = file.read_text(encoding="utf-8", errors="replace").splitlines()
         except (InputError, OSError) as error:

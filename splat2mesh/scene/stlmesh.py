@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from ..base.errors import InputError
 from .surfaces import UncheckedMesh, centred, joined
 
-_FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("color", "<u2")])
+_FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("spare", "<u2")])
 _HEADER_BYTES, _COUNT_BYTES = 80, 4
-_UNCOLORED = 0.6  # grey of facets without a colour among coloured ones
 _FACET_TEXT = re.compile(
     rb"facet\s+normal\s+(\S+)\s+(\S+)\s+(\S+)\s+outer\s+loop\s+vertex\s+(\S+)\s+(\S+)\s+(\S+)\s+vertex\s+(\S+)\s+(\S+)\s+"
     rb"(\S+)\s+vertex\s+(\S+)\s+(\S+)\s+(\S+)\s+endloop\s+endfacet",
@@ -32,24 +31,18 @@ def read_stl(path: str | os.PathLike[str]) -> UncheckedMesh:
         head = file.read(_HEADER_BYTES + _COUNT_BYTES)
     count = int.from_bytes(head[_HEADER_BYTES:], "little") if len(head) == _HEADER_BYTES + _COUNT_BYTES else -1
     if count >= 0 and size == len(head) + count * _FACET.itemsize:
-        return _binary(path, head, count)
+        return _binary(path, count)
     if head.lstrip()[:5].lower() == b"solid":
         return _ascii(path)
     if count >= 0 and size > len(head) + count * _FACET.itemsize > len(head):
-        return _binary(path, head, count)  # with bytes of its writer after the last facet
+        return _binary(path, count)  # with bytes of its writer after the last facet
     room = max(0, size - _HEADER_BYTES - _COUNT_BYTES) // _FACET.itemsize
     raise InputError(f"{path}: broken or cut short: it announces {max(count, 0)} facets, there is room for {room}")
 
 
-def _binary(path: str | os.PathLike[str], head: bytes, count: int) -> UncheckedMesh:
-    facets = np.fromfile(path, _FACET, count, offset=len(head))
-    valid = (facets["color"] & 0x8000) > 0
-    colors = None
-    if valid.any():
-        shares = np.stack([facets["color"] >> shift & 31 for shift in (0, 5, 10)], axis=1) / 31.0
-        shares = shares if b"COLOR=" in head[:_HEADER_BYTES] else shares[:, ::-1]
-        colors = np.repeat(np.where(valid[:, None], shares, _UNCOLORED), 3, axis=0)
-    return _joined(facets["corners"].reshape(-1, 3), np.repeat(facets["normal"], 3, axis=0), colors)
+def _binary(path: str | os.PathLike[str], count: int) -> UncheckedMesh:
+    facets = np.fromfile(path, _FACET, count, offset=_HEADER_BYTES + _COUNT_BYTES)
+    return _joined(facets["corners"].reshape(-1, 3), np.repeat(facets["normal"], 3, axis=0))
 
 
 def _ascii(path: str | os.PathLike[str]) -> UncheckedMesh:
@@ -64,11 +57,10 @@ def _ascii(path: str | os.PathLike[str]) -> UncheckedMesh:
         numbers = np.array(found, "S32").astype(np.float64).reshape(-1, 4, 3)
     except ValueError as error:
         raise InputError(f"{path}: a facet holds a value that is not a number ({error}); export it again") from None
-    return _joined(numbers[:, 1:].reshape(-1, 3), np.repeat(numbers[:, 0], 3, axis=0), None)
+    return _joined(numbers[:, 1:].reshape(-1, 3), np.repeat(numbers[:, 0], 3, axis=0))
 
 
-def _joined(points: NDArray[Any], normals: NDArray[Any], colors: NDArray[Any] | None) -> UncheckedMesh:
+def _joined(points: NDArray[Any], normals: NDArray[Any]) -> UncheckedMesh:
     points, moved = centred(points.astype(np.float64))
-    row, corner = joined(np.arange(len(points)), points, normals, colors)
-    colors = None if colors is None else colors[row]
-    return UncheckedMesh(points[row], corner.reshape(-1, 3), normals[row], colors, moved)
+    row, corner = joined(np.arange(len(points)), points, normals)
+    return UncheckedMesh(points[row], corner.reshape(-1, 3), normals[row], moved=moved)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 SH_C0 = float(np.sqrt(1 / (4 * np.pi)))
-DEGREE_OF_COEFFICIENTS = {1: 0, 4: 1, 9: 2, 16: 3}
+DEGREE_OF_COEFFICIENTS = {(degree + 1) ** 2: degree for degree in range(4)}
 
 
 def sh_basis_3dgs(directions: NDArray[Any], degree: int) -> NDArray[Any]:

@@ -10,12 +10,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..base.errors import InputError
 from .harmonics import sh_basis_3dgs
-from .splats import Splats
+from .splats import BLOCK, Splats
 
 SAME = 1e-6
 """Relative error up to which a matrix counts as a similarity: float32 matrices pass, what a user could see does not."""
-
-_BLOCK = 65536
 
 
 def similarity(
@@ -140,8 +138,8 @@ def _quadrature(degree: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 def _turned(sh: NDArray[np.float32], matrix: NDArray[np.float64]) -> NDArray[np.float32]:
     """(N, K, 3) coefficients turned; the constant ones keep every bit."""
     turned = sh.copy()
-    for start in range(0, len(sh), _BLOCK):
-        rows = slice(start, start + _BLOCK)
+    for start in range(0, len(sh), BLOCK):
+        rows = slice(start, start + BLOCK)
         turned[rows, 1:] = np.matmul(matrix[1:, 1:], sh[rows, 1:])
     return turned
 

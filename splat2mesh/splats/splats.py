@@ -29,7 +29,8 @@ MIN_SPLATS = 10
 NUMBERS = ("means", "scales", "quats_wxyz", "opacities", "sh")
 """The fields of Splats that hold numbers, in their order."""
 
-_BLOCK = 65536
+BLOCK = 65536
+"""Rows that are worked on at a time: their arrays fit into the cache."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -257,8 +258,8 @@ class Splats:
             raise InputError(f"an eye is one world point of shape (3,), found {eye.shape}")
         colors = self.colors_diffuse
         if self.degree > 0:
-            for start in range(0, len(self), _BLOCK):
-                rows = slice(start, start + _BLOCK)
+            for start in range(0, len(self), BLOCK):
+                rows = slice(start, start + BLOCK)
                 basis = sh_basis_3dgs(_unit(self.means[rows] - eye), self.degree)
                 colors[rows] += np.einsum("nk,nkc->nc", basis[:, 1:], self.sh[rows, 1:])
         return np.maximum(colors, 0, out=colors)

@@ -25,15 +25,12 @@ def local_pixel(splats: Splats, points: Points, faces: Integers) -> NDArray[np.f
     solid = solid if solid.any() else np.ones(len(splats), bool)
     sizes = splats.scales[solid].max(axis=1) / SCALES_PER_PIXEL
     sampled = centers[:: max(1, len(centers) // SAMPLES)]
-    near = (
-        scipy.spatial.cKDTree(splats.means[solid])
-        .query(sampled, min(AROUND, len(sizes)), workers=-1)[1]
-        .reshape(len(sampled), -1)
-    )
+    near = _nearest(splats.means[solid], sampled, AROUND)
     pixel = np.log(np.maximum(np.percentile(sizes[near], PERCENTILE, axis=1), 1e-30))
-    around = (
-        scipy.spatial.cKDTree(sampled)
-        .query(centers, min(SMOOTHED, len(sampled)), workers=-1)[1]
-        .reshape(len(centers), -1)
-    )
-    return np.exp(pixel[around].mean(axis=1))
+    return np.exp(pixel[_nearest(sampled, centers, SMOOTHED)].mean(axis=1))
+
+
+def _nearest(points: Points, places: Points, count: int) -> NDArray[np.intp]:
+    """(N, count) the nearest points of each place, or all where there are fewer."""
+    found = scipy.spatial.cKDTree(points).query(places, min(count, len(points)), workers=-1)[1]
+    return found.reshape(len(places), -1)

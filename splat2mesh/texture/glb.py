@@ -27,22 +27,20 @@ QUALITY = 95
 def textured_glb(
     scene: Scene,
     atlas: Atlas,
-    picture: bytes,  # JPEG or PNG of (size, size, 3) sRGB
+    pictures: Sequence[bytes],  # JPEG or PNG of (size, size, 3) sRGB; also of roughness in green, metalness in blue
     chunks: int,  # the first chunks of `scene` that are drawn under their numbers; those after them are background
     material: str = "captured",
     unlit: bool = True,  # shown as it is; False: lit by the viewer, as a matt surface
-    gloss: bytes | None = None,  # picture of roughness in green and metalness in blue, which then count
 ) -> Glb:
     """Make the file of a scene in its texture, double-sided.
 
     Vertices stand in the order of the atlas; on seams of the texture there are several of one scene vertex. Where the
     scene has fewer chunks than the atlas, the others are left out.
     """
-    pictures = [("color", picture), *([("gloss", gloss)] if gloss else [])]
     surface = gltf.PbrMetallicRoughness(
-        baseColorTexture=gltf.TextureInfo(index=0), metallicFactor=float(bool(gloss)), roughnessFactor=1.0
+        baseColorTexture=gltf.TextureInfo(index=0), metallicFactor=float(len(pictures) > 1), roughnessFactor=1.0
     )
-    if gloss:
+    if len(pictures) > 1:
         surface.metallicRoughnessTexture = gltf.TextureInfo(index=1)
     flat: dict[str, Any] = {UNLIT: {}} if unlit else {}
     file = Glb(
@@ -71,7 +69,7 @@ def textured_glb(
         file.mesh(name, attributes, indices=file.indices(faces, len(rows)), material=0)
     file.document.images = [
         gltf.Image(bufferView=file.data(each), mimeType=f"image/{'png' if each[:4] == PNG else 'jpeg'}", name=name)
-        for name, each in pictures
+        for name, each in zip(("color", "gloss"), pictures, strict=False)
     ]
     return file
 
@@ -99,7 +97,7 @@ def mesh_glb(texture: Texture, chunks: int, extras: dict[str, Any], cards: Seque
     """Return mesh.glb of a Texture, with cards beside it. chunks: as of `textured_glb`. extras: of the glTF scene."""
     atlas = texture.atlas
     image = filled(atlas.size, atlas.texels, texture.colors)
-    file = textured_glb(texture.scene, atlas, jpeg_bytes(image), chunks)
+    file = textured_glb(texture.scene, atlas, [jpeg_bytes(image)], chunks)
     bytes_per_unit = np.float32(255.0)
     add_cards(file, [(each, linear_from_srgb(each.colors_srgb.astype(np.float32) / bytes_per_unit)) for each in cards])
     return file.content(extras)

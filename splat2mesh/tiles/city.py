@@ -44,39 +44,32 @@ KNOWN = ("lod", "vertices", "up", "detail")
 def convert_city(
     source: str | os.PathLike[str],
     output: str | os.PathLike[str],
-    options: ConvertOptions | None = None,
-    tiling: TilingOptions | None = None,
-    *,
-    engine: Any = None,
-    overwrite: bool = False,
-    stages: Stages | None = None,
-) -> dict[str, Any]:
-    """Mesh a city tile by tile; returns the report, JSON-clean.
-
-    source: path or URL, as `pieces_of` takes it. output: path or URL, folder, or URL of fsspec. options: a city knows
-    KNOWN alone; `vertices` are those of the whole city. tiling: memory, workers, and whether an earlier run with the
-    same settings goes on. engine: what runs the tasks, where it is not made of `tiling`. Raises InputError for what
-    cannot be used. Raises UnfinishedError where tiles failed and the others are done.
-    """
-    options, tiling = options or ConvertOptions(), tiling or TilingOptions()
-    refuse_in_cities(options, KNOWN)
-    stages = stages or Stages()
-    if engine is None:
-        with tiling_engine(tiling, stages) as running:
-            return _convert(source, output, options, tiling, running, overwrite, stages)
-    return _convert(source, output, options, tiling, engine, overwrite, stages)
-
-
-def _convert(
-    source: str | os.PathLike[str],
-    output: str | os.PathLike[str],
     options: ConvertOptions,
     tiling: TilingOptions,
-    engine: Any,
     overwrite: bool,
     stages: Stages,
 ) -> dict[str, Any]:
-    store, resume = Store(output), tiling.resume
+    """Mesh a city tile by tile; returns the report, JSON-clean.
+
+    source: path or URL, as `pieces_of` takes it. output: folder, or URL of fsspec. options: a city knows KNOWN alone;
+    `vertices` are those of the whole city. tiling: memory, workers, and whether an earlier run with the same settings
+    goes on. Raises InputError for what cannot be used. Raises UnfinishedError where tiles failed and the others are
+    done.
+    """
+    refuse_in_cities(options, KNOWN)
+    with tiling_engine(tiling, stages) as engine:
+        return city_in_steps(source, TaskSteps(Store(output), engine, stages), options, tiling, overwrite)
+
+
+def city_in_steps(
+    source: str | os.PathLike[str],
+    steps: TaskSteps,
+    options: ConvertOptions,
+    tiling: TilingOptions,
+    overwrite: bool = False,
+) -> dict[str, Any]:
+    """The same by an engine that runs already."""
+    store, resume = steps.store, tiling.resume
     asked: dict[str, Any] = {
         "up": options.up,
         "detail": options.detail,
@@ -86,7 +79,6 @@ def _convert(
     }
     pieces = pieces_of(os.fspath(source), options.lod)
     asked["source"] = [[piece.path, piece.first, piece.last, size_of(piece)] for piece in pieces]
-    steps = TaskSteps(store, engine, stages)
     if not _goes_on(store, asked, overwrite, resume):
         _surveyed(steps, pieces, asked)
     key = hashlib.sha256(store.read(FILE)).hexdigest()
@@ -175,20 +167,7 @@ def _meshed(
     if resumed:  # checksums of all that is there, which workers can share
         tasks = [Task(f"check {tile}", store.committed, (f"{folder_of(tile)}/mesh.json",)) for tile in range(count)]
         records = steps.need("check", tasks)
-    tasks = []
-    looked: set[int] = set()
-    waiting = dict.fromkeys(range(count), 0)
-    for tile in range(count):
-        if records[tile] is not None:
-            continue
-        for other in plan.seers(tile):
-            waiting[other] += 1
-            if other not in looked:
-                looked.add(other)
-                if not store.exists(f"work/sights/{other:05d}.json"):
-                    tasks.append(Task(f"look {other}", look, (store, key, other, _near(plan, sources, other))))
-        after = tuple(f"look {other}" for other in plan.seers(tile))
-        tasks.append(Task(f"mesh {tile}", mesh, (store, key, tile), after))
+    tasks, waiting = _mesh_tasks(steps, plan, key, sources, [tile for tile in range(count) if records[tile] is None])
 
     def arrived(done: Done) -> None:
         kind, number = done.name.split()
@@ -205,6 +184,22 @@ def _meshed(
         tiles = sum(done.name.startswith("mesh") for done in lost)
         raise UnfinishedError(f"{tiles} of {count} tiles are not done ({name_failed(lost)}); run again with `resume`")
     return [store.read_json(f"{folder_of(tile)}/mesh.json") for tile in range(count)]
+
+
+def _mesh_tasks(
+    steps: TaskSteps, plan: CityPlan, key: str, sources: dict[int, list[int]], missing: list[int]
+) -> tuple[list[Task], dict[int, int]]:
+    """What makes some tiles: views before the meshes that need them; and how many meshes need those of each tile."""
+    tasks: list[Task] = []
+    waiting = dict.fromkeys(range(len(plan.tiles)), 0)
+    for tile in missing:
+        for other in plan.seers(tile):
+            if not waiting[other] and not steps.store.exists(f"work/sights/{other:05d}.json"):
+                tasks.append(Task(f"look {other}", look, (steps.store, key, other, _near(plan, sources, other))))
+            waiting[other] += 1
+        after = tuple(f"look {other}" for other in plan.seers(tile))
+        tasks.append(Task(f"mesh {tile}", mesh, (steps.store, key, tile), after))
+    return tasks, waiting
 
 
 def _finished(

@@ -93,7 +93,7 @@ def _in_bucket(url: str, lod: Any) -> list[CityPiece]:
             meta = Path(folder).resolve() / streamed.META
             meta.write_bytes(Store(url).read(streamed.META))
             capture = streamed.open_streamed(meta)
-            level = 0 if lod == "auto" else capture.level(check_lod(lod))
+            level = 0 if lod == "auto" else streamed.level_of(meta, capture.counts, check_lod(lod))
             pieces = [_under(url, meta.parent, path) for path in capture.tiles[level]]
             far = capture.environment
             return pieces + ([_under(url, meta.parent, far)._replace(environment=True)] if far is not None else [])

@@ -200,18 +200,17 @@ def splats_for(memory_gb: float | None, wanted: int | None = None) -> int:
 def cut(
     places: NDArray,  # (N, 2) x and z of a sample of the splats, scene frame
     weights: NDArray,  # (N,) splats that each stands for
-    low: NDArray,  # (2,) of the city
-    high: NDArray,  # (2,)
+    bounds: NDArray,  # (2, 2) lowest and highest x and z of the city
     block: float,
     halo: float,  # how far beyond its core a tile needs splats
     most: int,  # splats of a core and its halo
 ) -> tuple[list[list[int]], list[int]]:
     """Rectangles of blocks that cover a city, each with its halo of at most `most` splats where that can be, and the
     splats of each core. Cuts go across the longer side, at half of the splats."""
-    first, last = np.floor(low / block).astype(np.int64), np.floor(high / block).astype(np.int64) + 1
+    first, last = np.floor(bounds / block).astype(np.int64) + np.array([[0], [1]])
     if max(np.abs(first).max(), np.abs(last).max()) * 2**CELL_LEVELS >= HALF - 2**CELL_LEVELS:
         raise InputError(
-            f"the city spans {np.max(high - low):g} units in cells of {block / 2**CELL_LEVELS:g}: too many"
+            f"the city spans {np.ptp(bounds, axis=0).max():g} units in cells of {block / 2**CELL_LEVELS:g}: too many"
         )
     least = max(3 * RING, math.ceil(halo / block / 4))
     whole = [int(first[0]), int(first[1]), int(last[0]), int(last[1])]

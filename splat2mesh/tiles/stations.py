@@ -62,7 +62,7 @@ def stations_of(
     free &= sky[parts]  # what is no part is not free
     found = []
     for column in _columns(core, spacing):
-        found += _in_column(column, low, cell, clearance, free, taken, spacing)
+        found += _in_column(column, low, cell, clearance, free, taken)
     return found
 
 
@@ -76,9 +76,7 @@ def _columns(core: Floats, spacing: float) -> Iterator[NDArray[np.float64]]:
             yield np.stack([start, start + step])
 
 
-def _in_column(
-    column: Floats, low: Vector, cell: float, clearance: Floats, free: Mask, taken: Mask, spacing: float
-) -> list[Eye]:
+def _in_column(column: Floats, low: Vector, cell: float, clearance: Floats, free: Mask, taken: Mask) -> list[Eye]:
     first = np.maximum(((column[0] - low[[0, 2]]) / cell).astype(int), 0)
     last = np.maximum(np.ceil((column[1] - low[[0, 2]]) / cell).astype(int), first + 1)
     box = slice(first[0], last[0]), slice(None), slice(first[1], last[1])

@@ -8,6 +8,8 @@ import io
 import json
 import os
 import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import numpy as np
@@ -45,7 +47,7 @@ class Store:
     def write(self, name: str, data: bytes) -> None:
         """Write a file. Object stores show an object only once it is whole; a folder gets it by a rename."""
         path = self.path(name)
-        try:
+        with _about(f"cannot write {path}"):
             if not self.is_local:
                 self._remote().pipe_file(path, data)
                 return
@@ -58,21 +60,15 @@ class Store:
             finally:
                 if os.path.lexists(staging):
                     os.unlink(staging)
-        except OSError as error:
-            raise InputError(f"cannot write {path}: {_reason(error)}") from error
-        except Exception as error:  # every kind of store has its own errors
-            raise InputError(f"cannot write {path}: {_reason(error)}") from error
 
     def read(self, name: str) -> bytes:
         """The bytes of a file. Raises InputError if it is missing."""
         path = self.path(name)
-        try:
+        with _about(f"cannot read {path}"):
             if not self.is_local:
                 return self._remote().cat_file(path)
             with open(path, "rb") as file:
                 return file.read()
-        except Exception as error:
-            raise InputError(f"cannot read {path}: {_reason(error)}") from error
 
     def read_unchanged(self, name: str, sha256: str) -> bytes:
         """The bytes of a file that all tasks share. Raises InputError if its checksum differs."""
@@ -85,23 +81,21 @@ class Store:
         """Whether there is such a file."""
         if self.is_local:
             return os.path.isfile(self.path(name))
-        try:
-            return bool(self._remote().info(self.path(name))["type"] == "file")
-        except FileNotFoundError:
-            return False
-        except Exception as error:
-            raise InputError(f"cannot read {self.path(name)}: {_reason(error)}") from error
+        with _about(f"cannot read {self.path(name)}"):
+            try:
+                return bool(self._remote().info(self.path(name))["type"] == "file")
+            except FileNotFoundError:
+                return False
 
     def listed(self) -> dict[str, int]:
         """All files of a store of fsspec below the root, or the file that the root itself is, by "": bytes of each."""
-        try:
+        with _about(f"cannot read {self.root}"):
             fs = self._remote()
             top = fs._strip_protocol(self.root)
-            found = fs.find(top, detail=True)
-        except FileNotFoundError:
-            return {}
-        except Exception as error:
-            raise InputError(f"cannot read {self.root}: {_reason(error)}") from error
+            try:
+                found = fs.find(top, detail=True)
+            except FileNotFoundError:
+                return {}
         return {name.removeprefix(top).lstrip("/"): int(about["size"]) for name, about in sorted(found.items())}
 
     def remove(self, folder: str) -> None:
@@ -121,13 +115,9 @@ class Store:
             self._gone(self.path(name), recursive=False)
 
     def _gone(self, where: str, recursive: bool) -> None:
-        try:
+        with _about(f"cannot remove {where}"), suppress(FileNotFoundError):  # another process was faster
             if self._remote().exists(where):
                 self._remote().rm(where, recursive=recursive)
-        except FileNotFoundError:
-            pass  # another process was faster
-        except Exception as error:
-            raise InputError(f"cannot remove {where}: {_reason(error)}") from error
 
     def write_json(self, name: str, value: Any) -> None:
         """A JSON file, the same bytes for the same value."""
@@ -190,5 +180,11 @@ def arrays_of(data: bytes) -> dict[str, Any]:
         return dict(kept)
 
 
-def _reason(error: Exception) -> str:
-    return (getattr(error, "strerror", None) or str(error) or type(error).__name__).splitlines()[0]
+@contextmanager
+def _about(what: str) -> Iterator[None]:
+    """Within it, every error is an InputError: each kind of store has its own."""
+    try:
+        yield
+    except Exception as error:
+        said = getattr(error, "strerror", None) or str(error) or type(error).__name__
+        raise InputError(f"{what}: {said.splitlines()[0]}") from error

@@ -8,11 +8,11 @@ from hashlib import sha256
 from typing import Any
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from ..base.arrays import Faces, Indices, Points
 from ..scene.color import linear_from_srgb
+from ..scene.leaves import connected
 from ..scene.mesh import Mesh
 from ..scene.meshfile import mesh_ply_bytes
 from ..surface.album import GREY, Album, filled_in
@@ -148,9 +148,8 @@ def without_loose(faces: NDArray, seam: NDArray) -> tuple[NDArray, int]:
     if not len(faces):
         return faces, 0
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]]])
-    graph = scipy.sparse.coo_matrix((np.ones(len(edges), np.int8), edges.T), (len(seam), len(seam)))
-    count, part = scipy.sparse.csgraph.connected_components(graph, directed=False)
-    sizes = np.bincount(part[faces[:, 0]], minlength=count)
+    part = connected(edges, len(seam))
+    sizes = np.bincount(part[faces[:, 0]], minlength=int(part.max()) + 1)
     small = (sizes < SMALLEST_FACES) & (sizes > 0)
     small[np.unique(part[np.flatnonzero(seam)])] = False
     return faces[~small[part[faces[:, 0]]]], int(small.sum())

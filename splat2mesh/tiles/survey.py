@@ -8,7 +8,7 @@ import numpy as np
 from ..base.errors import InputError
 from ..splats.cleaning import REASONS, say_dropped, usable
 from ..splats.extent import check_extent
-from ..splats.facts import HERE, FileFacts, common
+from ..splats.facts import FileFacts, common
 from ..splats.joining import joined
 from ..splats.placing import placed
 from ..splats.splats import MIN_SPLATS, NUMBERS, Splats
@@ -78,9 +78,9 @@ def plan_of(store: Store, pieces: list[CityPiece], counts: list[dict[str, Any]],
     ground = turned.means[:, [0, 2]].astype(np.float64)
     inside = ((turned.means >= bounds[0]) & (turned.means <= bounds[1])).all(axis=1)
     solid = ground[inside]
-    low, high = solid.min(axis=0), solid.max(axis=0)
+    extent = np.stack([solid.min(axis=0), solid.max(axis=0)])
     most = splats_for(settings["memory"], settings["tile_splats"])
-    plan.tiles, plan.counts = cut(solid, weights[inside], low, high, plan.block, plan.reach, most)
+    plan.tiles, plan.counts = cut(solid, weights[inside], extent, plan.block, plan.reach, most)
     return plan
 
 
@@ -121,7 +121,7 @@ def deal(store: Store, key: str, number: int) -> dict[str, Any]:
 
 def splats_from(kept: dict[str, Any], rows: slice = slice(None)) -> Splats:
     """Splats of the arrays that `deal` writes, in the frame of their source."""
-    x, y, z = kept["offset"].tolist() if "offset" in kept else HERE
+    x, y, z = kept["offset"].tolist()
     return Splats(**{field: kept[field][rows] for field in NUMBERS}, facts=FileFacts(offset=(x, y, z)))
 
 

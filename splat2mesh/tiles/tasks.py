@@ -88,8 +88,6 @@ def measured(name: str, function: Callable[..., Any], arguments: tuple[Any, ...]
 class Loop:
     """Runs tasks here, one after another."""
 
-    workers, dashboard = 1, None
-
     def run(self, tasks: Sequence[Task]) -> Iterator[Done]:
         """Yield each outcome, in order; each task stands after those it waits for."""
         failed: set[str] = set()
@@ -105,19 +103,10 @@ class Loop:
 
 
 class Cluster:
-    """Runs tasks on the workers of a scheduler of dask.distributed.
+    """Runs tasks on the workers of a scheduler of dask.distributed."""
 
-    dashboard: where Dask shows them at work, a URL, if it was started here and can.
-    """
-
-    def __init__(self, client: Any, dashboard: str | None = None) -> None:
-        self.client, self.dashboard = client, dashboard
-        self.runs = 0
-
-    @property
-    def workers(self) -> int:
-        """The current number of workers."""
-        return len(self.client.scheduler_info(n_workers=-1)["workers"])
+    def __init__(self, client: Any) -> None:
+        self.client, self.runs = client, 0
 
     def run(self, tasks: Sequence[Task]) -> Iterator[Done]:
         """Yield each outcome as it arrives."""
@@ -153,19 +142,12 @@ def guarded(name: str, function: Callable[..., Any], arguments: tuple[Any, ...],
 
 @contextmanager
 def tiling_engine(tiling: TilingOptions, stages: Stages) -> Iterator[Any]:
-    """The engine that runs the tasks of a city, from its TilingOptions; prints the address of its dashboard, if any."""
-    with engine(tiling.scheduler, tiling.workers, tiling.memory) as running:
-        if running.dashboard:
-            stages.notify(f"dashboard: {running.dashboard}")
-        yield running
+    """The engine that runs the tasks of a city: a Loop, a Cluster of workers started here, or that of a scheduler.
 
-
-@contextmanager
-def engine(scheduler: str | None, workers: int | None, memory_gb: float | None) -> Iterator[Any]:
-    """The engine that runs tasks: a Loop, a Cluster of workers started here, or that of a scheduler.
-
-    Raises InputError for a scheduler that does not answer and for workers of another version of this package.
+    stages: prints the address of its dashboard, if any. Raises InputError for a scheduler that does not answer and for
+    workers of another version of this package.
     """
+    scheduler, workers, memory_gb = tiling.scheduler, tiling.workers, tiling.memory
     if scheduler is None and workers is None:
         yield Loop()
         return
@@ -210,9 +192,9 @@ def engine(scheduler: str | None, workers: int | None, memory_gb: float | None) 
                     silence_logs=50,
                 )
             with cluster, _keep_workers(cluster, workers), Client(cluster) as client:
-                running = _connect(client, "the local cluster")
-                running.dashboard = client.dashboard_link if shown else None
-                yield running
+                if shown:
+                    stages.notify(f"dashboard: {client.dashboard_link}")
+                yield _connect(client, "the local cluster")
 
 
 _THREADS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS")

@@ -7,9 +7,12 @@ from pathlib import Path
 from relight.request import RelightRequest
 from relight.tiles.city import relight_city
 from scenes.city import write_city
+from splat2mesh.base.progress import Stages
 from splat2mesh.options import ConvertOptions, TilingOptions
 from splat2mesh.tiles import survey
-from splat2mesh.tiles.city import convert_city
+from splat2mesh.tiles.city import city_in_steps
+from splat2mesh.tiles.steps import TaskSteps
+from splat2mesh.tiles.store import Store
 from splat2mesh.tiles.tasks import Loop
 
 SPLATS, TILE_SPLATS, PIXELS = 24_000, 9_000, 40
@@ -27,11 +30,12 @@ def generated(folder):
 
 
 def meshed(source, output, engine=None, **settings):
-    """The report of `convert_city`, at the cheapest."""
+    """The report of `city_in_steps`, at the cheapest."""
     wanted = {"detail": "draft", "tile_splats": TILE_SPLATS, "up": "-y", **settings}
     tiling = TilingOptions(**{name: wanted.pop(name) for name in ("memory", "tile_splats", "resume") if name in wanted})
-    how = {name: wanted.pop(name) for name in ("overwrite", "stages") if name in wanted}
-    return convert_city(source, output, ConvertOptions(**wanted), tiling, engine=engine or Loop(), **how)
+    overwrite, stages = wanted.pop("overwrite", False), wanted.pop("stages", None) or Stages()
+    steps = TaskSteps(Store(output), engine or Loop(), stages)
+    return city_in_steps(source, steps, ConvertOptions(**wanted), tiling, overwrite)
 
 
 def relit_city(city, env, options, engine=None, stages=None, folder=None, memory=None, resume=False, **fields):

@@ -1,9 +1,8 @@
-"""Splats in glTF 2.0: KHR_gaussian_splatting as ratified, its drafts, and its compression by SPZ.
+"""Splats in glTF 2.0: KHR_gaussian_splatting as ratified, and its compression by SPZ.
 
 Attributes of a primitive of points, linear scales, opacities, unit quaternions (x y z w), harmonics with the signs of
 3DGS. glTF is y up; the resulting Splats are y down, as those of a PLY. The numbers of an SPZ within are those of the
-primitive, as CesiumJS and other loaders have it, though the draft asks for half a turn about y. Other drafts have
-scales as logarithms, or colour and opacity in COLOR_0 alone.
+primitive, as CesiumJS and other loaders have it, though the draft asks for half a turn about y.
 Source: github.com/KhronosGroup/glTF, extensions/2.0/Khronos/KHR_gaussian_splatting and
 KHR_gaussian_splatting_compression_spz_2.
 """
@@ -34,7 +33,6 @@ SUFFIXES = ".glb", ".gltf"
 
 _SPZ = "spz"
 """In the names of extensions that hold an SPZ: KHR_gaussian_splatting_compression_spz_2 and its drafts."""
-_DRAFT_ATTRIBUTES = {"ROTATION": "_ROTATION", "SCALE": "_SCALE", "OPACITY": "_OPACITY"}
 _LINEAR = "lin_rec709_display"
 _UP = similarity(rotation=np.diag([1.0, -1.0, -1.0]))
 """From y up to y down."""
@@ -91,7 +89,7 @@ def _primitive(data: GltfData, primitive: Any) -> Splats:
 
 def _from_attributes(data: GltfData, attributes: Mapping[str, Any]) -> Splats:
     def find(name: str, width: int, count: int | None = None) -> NDArray[np.float32] | None:
-        index = attributes.get(f"{SPLATS}:{name}", attributes.get(_DRAFT_ATTRIBUTES.get(name, name)))
+        index = attributes.get(name if name == "POSITION" else f"{SPLATS}:{name}")
         if index is None:
             return None
         values = data.array(index, f"{name} of the splats").astype(np.float32)
@@ -107,17 +105,9 @@ def _from_attributes(data: GltfData, attributes: Mapping[str, Any]) -> Splats:
     scales, quats = find("SCALE", 3, n), find("ROTATION", 4, n)
     if scales is None or quats is None:
         raise InputError(f"{data.path} is damaged: its splats lack SCALE or ROTATION")
-    if (scales < 0).any():
-        message = f"{data.path}: took the scales of {n} splats for logarithms, as a draft of {SPLATS} has them"
-        warnings.warn(message, DataWarning, stacklevel=3)
-        scales = np.exp(scales)
     opacities, dc = find("OPACITY", 1, n), find("SH_DEGREE_0_COEF_0", 3, n)
     if opacities is None or dc is None:
-        color = find("COLOR_0", 4, n)
-        if color is None:
-            raise InputError(f"{data.path} is damaged: its splats lack OPACITY or SH_DEGREE_0_COEF_0, and COLOR_0")
-        opacities = color[:, 3] if opacities is None else opacities
-        dc = sh_from_color(color[:, :3]) if dc is None else dc
+        raise InputError(f"{data.path} is damaged: its splats lack OPACITY or SH_DEGREE_0_COEF_0")
     sh = [dc]
     for degree in range(1, 4):
         band = [find(f"SH_DEGREE_{degree}_COEF_{order}", 3, n) for order in range(2 * degree + 1)]

@@ -8,7 +8,7 @@ Source: Kerbl et al., "3D Gaussian Splatting for Real-Time Radiance Field Render
 """
 
 import os
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -31,7 +31,7 @@ _COLORS = ("red", "green", "blue"), ("r", "g", "b")
 _FILTER = "filter_3D"
 FULL_DETAIL = 1 / 7
 """Steps between float32 numbers, in splats' widths, up to which a mesh is as good as at the origin: `extent.py`."""
-DEGREES = DEGREE_OF_COEFFICIENTS | {25: 4}
+DEGREES = {(degree + 1) ** 2: degree for degree in range(5)}
 """Degrees of harmonics in files, by coefficients per channel; above the third they are not read."""
 # Rows moved at a time: few enough to stay in the cache while all of their columns are picked.
 _BLOCK = 8192
@@ -44,11 +44,7 @@ def read(ply: Ply, part: slice | None = None, offset: Vector3 | None = None) -> 
     Raises InputError when it is a mesh, a point cloud, empty or cut short. Warns with a DataWarning about harmonics
     beyond the third degree.
     """
-    names = ply.elements["vertex"].properties if "vertex" in ply.elements else {}
-    colors = next((each for each in _COLORS if names.keys() >= set(each)), ()) if _DC[0] not in names else ()
-    missing = [name for name in _REQUIRED if name not in names and not (colors and name in _DC)]
-    if missing:
-        raise InputError(_explain(ply, names, missing))
+    names, colors = _properties(ply)
     k, in_file = coefficients(ply.path, names)
     rows = ply.rows("vertex")
     offset = _offset_of(ply, rows) if offset is None else offset
@@ -58,24 +54,34 @@ def read(ply: Ply, part: slice | None = None, offset: Vector3 | None = None) -> 
         raise InputError(f"{ply.path} holds no splats: its vertex element has 0 rows")
     if in_file > k:
         warn_beyond(ply.path, n, DEGREES[in_file])
-    means, scale_log = np.zeros((n, 3), np.float32), np.zeros((n, 3), np.float32)
-    quats, opacity_logit = np.zeros((n, 4), np.float32), np.zeros(n, np.float32)
+    means, scales = np.zeros((n, 3), np.float32), np.zeros((n, 3), np.float32)
+    quats, opacities = np.zeros((n, 4), np.float32), np.zeros(n, np.float32)
     sh, widened = np.zeros((n, k, 3), np.float32), np.zeros(n if _FILTER in names else 0, np.float32)
-    columns = {f"rot_{i}": quats[:, i] for i in range(4)} | {"opacity": opacity_logit, _FILTER: widened}
+    columns = {f"rot_{i}": quats[:, i] for i in range(4)} | {"opacity": opacities, _FILTER: widened}
     columns |= rest_columns(sh, in_file)
     for i in range(3):
-        columns |= {"xyz"[i]: means[:, i], f"scale_{i}": scale_log[:, i], (colors or _DC)[i]: sh[:, 0, i]}
-    gather(
-        rows, {name: column for name, column in columns.items() if name in names}, dict(zip("xyz", offset, strict=True))
-    )
+        columns |= {"xyz"[i]: means[:, i], f"scale_{i}": scales[:, i], (colors or _DC)[i]: sh[:, 0, i]}
+    held = {name: column for name, column in columns.items() if name in names}
+    gather(rows, held, dict(zip("xyz", offset, strict=True)))
     if colors:
         sh[:, 0] = sh_from_color(sh[:, 0] / _white(names[colors[0]]))
-    scales, opacities = np.exp(scale_log, out=scale_log), sigmoid(opacity_logit)
+    scales, opacities = np.exp(scales, out=scales), sigmoid(opacities)
     if "scale_2" not in names:
         scales[:, 2] = SURFEL_THICKNESS * scales[:, :2].min(axis=1)
     if len(widened):
         scales, opacities = _filtered(scales, opacities, widened)
     return Splats(means, scales, quats, opacities, sh, facts=replace(facts_of_comments(ply.comments), offset=offset))
+
+
+def _properties(ply: Ply) -> tuple[Mapping[str, str], Sequence[str]]:
+    """The properties of the vertices, and those of the colours where they stand for f_dc; else (). Raises InputError
+    where they make no splat."""
+    names = ply.elements["vertex"].properties if "vertex" in ply.elements else {}
+    colors = next((each for each in _COLORS if names.keys() >= set(each)), ()) if _DC[0] not in names else ()
+    missing = [name for name in _REQUIRED if name not in names and not (colors and name in _DC)]
+    if missing:
+        raise InputError(_explain(ply, names, missing))
+    return names, colors
 
 
 def offset_of(ply: Ply) -> Vector3:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ...base.errors import InputError
 from ...base.inputs import file_size
 from ..joining import joined
-from ..splats import Splats
+from ..splats import DEGREE_OF_COEFFICIENTS, Splats
 from .encoding import sh_from_color
 
 _HEADER_BYTES, _SECTION_BYTES = 4096, 1024
@@ -28,7 +28,7 @@ _MOST_SECTIONS = 1 << 16
 _TYPES = ("<f4", "<f4", "<f4"), ("<u2", "<f2", "<f2"), ("<u2", "<f2", "u1")
 """Of the positions, of scales and rotations, and of the harmonics, by level."""
 _USUAL_RANGE = 1, 32767, 32767
-_COMPONENTS = 0, 9, 24, 45
+_COMPONENTS = [3 * (coefficients - 1) for coefficients in DEGREE_OF_COEFFICIENTS]
 
 
 def looks_like(head: bytes) -> bool:

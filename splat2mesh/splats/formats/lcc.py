@@ -57,10 +57,6 @@ class LccFile:
     bounds: dict[str, NDArray[np.float32]]
     has_rest: bool
 
-    def level(self, lod: int | str) -> int:
-        """Return the number of the level that `lod` names, as `streamed.level_of` does."""
-        return level_of(self.path, self.counts, lod)
-
     @property
     def files(self) -> tuple[Path, ...]:
         """Everything that is read, in its order."""
@@ -83,21 +79,10 @@ def open_lcc(path: str | os.PathLike[str]) -> LccFile:
     path = Path(path)
     try:
         meta = read_json(path)
-        levels = int(meta["totalLevel"])
+        levels, promised = int(meta["totalLevel"]), tuple(int(count) for count in meta["splats"])
         if not 0 < levels <= MOST_LEVELS:
             raise InputError(f"{path}: totalLevel must be positive and at most {MOST_LEVELS}, found {levels}")
-        named = {str(each["name"]): each for each in meta["attributes"]}
-        kind = meta.get("fileType")
-        has_rest = kind == "Quality" or (kind != "Portable" and "shcoef" in named)
-        bounds = {}
-        for name, usual in (("scale", "scale"), ("shcoef", "shcoef"), ("envscale", "scale"), ("envshcoef", "shcoef")):
-            entry = named.get(name) or named.get(usual)
-            if entry is None and (has_rest or "scale" in name):
-                raise InputError(f"{path} does not describe an LCC scene: it lacks the bounds of {usual}")
-            if entry is not None:
-                low, high = (np.broadcast_to(np.asarray(entry[end], np.float32), 3) for end in ("min", "max"))
-                bounds[name] = np.stack([low, high])
-        promised = tuple(int(count) for count in meta["splats"])
+        has_rest, bounds = _bounds(path, meta)
     except InputError:
         raise
     except (ValueError, OverflowError, KeyError, IndexError, TypeError, AttributeError) as error:
@@ -110,6 +95,21 @@ def open_lcc(path: str | os.PathLike[str]) -> LccFile:
         raise InputError(f"{path} holds no splats: every level is empty")
     _check_sizes(path, units, has_rest)
     return LccFile(path, counts, units, bounds, has_rest)
+
+
+def _bounds(path: Path, meta: Any) -> tuple[bool, dict[str, NDArray[np.float32]]]:
+    """Whether there are harmonics, and the bounds of scales and harmonics, those of the environment too."""
+    named = {str(each["name"]): each for each in meta["attributes"]}
+    kind = meta.get("fileType")
+    has_rest = kind == "Quality" or (kind != "Portable" and "shcoef" in named)
+    bounds = {}
+    for name, usual in (("scale", "scale"), ("shcoef", "shcoef"), ("envscale", "scale"), ("envshcoef", "shcoef")):
+        entry = named.get(name) or named.get(usual)
+        if entry is None and (has_rest or "scale" in name):
+            raise InputError(f"{path} does not describe an LCC scene: it lacks the bounds of {usual}")
+        if entry is not None:
+            bounds[name] = np.stack([np.broadcast_to(np.asarray(entry[end], np.float32), 3) for end in ("min", "max")])
+    return has_rest, bounds
 
 
 def _units(path: Path, levels: int) -> NDArray[np.int64]:
@@ -146,7 +146,7 @@ def read(path: str | os.PathLike[str], lod: int | str = "auto") -> Splats:
     is marked so. Raises InputError as `open_lcc` does.
     """
     scene = open_lcc(path)
-    level = scene.level(lod)
+    level = level_of(scene.path, scene.counts, lod)
     counts, starts = scene.units[:, level].T
     rows = [np.arange(count) + start // _SPLAT.itemsize for count, start in zip(counts, starts, strict=True) if count]
     if (starts[counts > 0] % _SPLAT.itemsize).any():

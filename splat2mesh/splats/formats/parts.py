@@ -60,14 +60,14 @@ def parts_of(path: str | os.PathLike[str], lod: int | str = "auto") -> Parts:
     described = description_of(path)
     if described is not None:
         capture = streamed.open_streamed(described)
-        level = capture.level(lod)
+        level = streamed.level_of(described, capture.counts, lod)
         capture.check_tiles(level)
         counted = capture.tiles[level]
         return Parts(tuple(counted), tuple(counted.values()), capture.environment, described, level, capture.counts)
     scene = _lcc_in(path)
     if scene is not None:
         opened = lcc.open_lcc(scene)
-        level = opened.level(lod)
+        level = streamed.level_of(scene, opened.counts, lod)
         return Parts((scene,), (None,), None, None, level, opened.counts, opened.files[1:])
     if lod != "auto":
         raise InputError(f"`lod` {lod}: {path} has no levels of detail, which a streamed SOG or an LCC scene has")

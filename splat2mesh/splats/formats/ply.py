@@ -6,10 +6,9 @@ Source: Turk, "The PLY Polygon File Format" (1994).
 
 import itertools
 import os
-import re
 import sys
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -27,10 +26,6 @@ _TYPES = {
     **{"int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4"},
     **{"float": "f4", "double": "f8", "float32": "f4", "float64": "f8"},
 }
-
-
-_ODD_NAN = re.compile(r"(?<!\S)[-+]?(?:nan\([^\s()]*\)|\d\.#(?:[QS]NAN|IND)\w*)(?!\S)", re.IGNORECASE)
-_ODD_INFINITY = re.compile(r"(?<!\S)([-+]?)\d\.#INF\w*(?!\S)", re.IGNORECASE)
 
 
 @dataclass
@@ -151,22 +146,16 @@ class Ply:
         most = (os.path.getsize(self.path) - self.body + 1) // (2 * len(dtype.names or ()))
         self._check_count(name, most)
         try:
-            rows = self._parsed_lines(name, skip, dtype, lambda line: line)
-        except (ValueError, OverflowError):
-            try:  # once more, for numbers as other systems write them
-                rows = self._parsed_lines(name, skip, dtype, _plain_numbers)
-            except (ValueError, OverflowError) as error:
-                reason = str(error).split(";")[0]
-                raise InputError(f"{self.path}: a PLY row does not fit its header: {reason}") from error
+            with open(self.path, encoding="latin-1") as file, warnings.catch_warnings():
+                warnings.simplefilter("ignore", UserWarning)  # "no data", which the count of rows reports
+                file.seek(self.body)
+                lines = itertools.islice(file, min(skip, sys.maxsize // 2), None)
+                rows = np.loadtxt(lines, dtype, comments=None, ndmin=1, max_rows=self.elements[name].count)
+        except (ValueError, OverflowError) as error:
+            reason = str(error).split(";")[0]
+            raise InputError(f"{self.path}: a PLY row does not fit its header: {reason}") from error
         self._check_count(name, len(rows))
         return rows
-
-    def _parsed_lines(self, name: str, skip: int, dtype: np.dtype, changed: Callable[[str], str]) -> NDArray[Any]:
-        with open(self.path, encoding="latin-1") as file, warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # "no data", which the count of rows reports
-            file.seek(self.body)
-            lines = map(changed, itertools.islice(file, min(skip, sys.maxsize // 2), None))
-            return np.loadtxt(lines, dtype, comments=None, ndmin=1, max_rows=self.elements[name].count)
 
     def _check_count(self, name: str, found: int) -> None:
         promised = self.elements[name].count
@@ -175,11 +164,6 @@ class Ply:
                 f"{self.path} is cut short: its header promises {promised} rows of '{name}', "
                 f"there is room for {found}: copy or export it again"
             )
-
-
-def _plain_numbers(line: str) -> str:
-    """A line in which every NaN and infinity is one of C: `-nan(ind)` is of Visual C++, `1.#QNAN` of its older ones."""
-    return _ODD_INFINITY.sub(r"\1inf", _ODD_NAN.sub("nan", line))
 
 
 def blocks(rows: NDArray[Any], size: int) -> Iterator[tuple[int, NDArray[Any]]]:

@@ -11,11 +11,9 @@ from ...base.gltf import SPLATS, SPZ_DRAFT
 from ...base.inputs import check_special
 from ..splats import Splats
 from . import compressed_ply, dotsplat, gltf, inria, ksplat, lcc, sog, sog_writing, spz, spz_writing, usd
-from .ply import Ply
+from .ply import MAX_HEADER_BYTES, Ply
 
 SplatWriter = Callable[[str | os.PathLike[str], Splats], Any]
-
-_HEADER_BYTES = 1 << 20
 
 CONVERTER = "npx @playcanvas/splat-transform"
 """Converts between the formats of splats. Source: github.com/playcanvas/splat-transform."""
@@ -194,7 +192,7 @@ def looks_like_splat(path: Path) -> bool:
     """Return whether a file is meant as a splat, rather than as a mesh, by its content; does not validate it."""
     suffix = path.suffix.lower()
     with open(path, "rb") as file:
-        head = file.read(_HEADER_BYTES)
+        head = file.read(MAX_HEADER_BYTES)
     if head.startswith(b"ply"):
         header = head[: head.find(b"\nend_header")]
         return b"packed_position" in header or (b"scale_0" in header and b"rot_0" in header)

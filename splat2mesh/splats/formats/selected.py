@@ -11,9 +11,9 @@ import numpy as np
 from ...base.arrays import Mask
 from ...base.errors import InputError
 from ...base.outputs import staged_file
+from ..splats import BLOCK
 from .ply import Ply, blocks
 
-_BLOCK = 1 << 16
 _COUNT = re.compile(rb"^(\s*element\s+vertex\s+)\d+", re.MULTILINE)
 
 
@@ -41,7 +41,7 @@ def _copy_rows(ply: Ply, keep: Mask, target: BinaryIO) -> None:
     with open(ply.path, "rb") as file:
         file.seek(ply.body)
         target.write(file.read(first - ply.body))
-        for start, block in blocks(rows, _BLOCK):
+        for start, block in blocks(rows, BLOCK):
             target.write(block[keep[start : start + len(block)]].tobytes())
         file.seek(first + len(rows) * rows.dtype.itemsize)
         while rest := file.read(1 << 20):

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from PIL.WebPImagePlugin import WebPImageFile
 
 from ...base.errors import InputError
-from ...base.inputs import LARGEST_JSON, check_count, file_size, inside, loads
+from ...base.inputs import LARGEST_TEXT, check_count, file_size, inside, loads
 from ..facts import FileFacts
 from ..splats import DEGREE_OF_COEFFICIENTS, Splats
 from .encoding import restore_largest, sigmoid
@@ -79,7 +79,7 @@ def read_bundle(path: AnyPath) -> Splats:
                     raise InputError(f"{path} lacks {name}, which its {META} names: export it again")
                 announced = bundle.getinfo(prefix + name).file_size
                 # WebP does not shrink, so an entry that does is made to fill the memory.
-                if announced > max(LARGEST_JSON if name == META else 4 * size, 1 << 20):
+                if announced > max(LARGEST_TEXT if name == META else 4 * size, 1 << 20):
                     raise InputError(f"{path}: {name} announces {announced:,} bytes in a file of {size:,}: damaged")
                 return bundle.read(prefix + name)
 

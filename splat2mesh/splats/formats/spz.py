@@ -41,7 +41,7 @@ _LARGEST_RECORDS = 1 << 20  # bytes of all of them; those that are known take 12
 _AXES_RECORD = 0xADBE0003  # SPZ_ADOBE_coordinate_system
 _AXES = "RUB LDB RDB LUB RUB LDF RDF LUF RUF LFD RFD LFU RFU LBD RBD LBU RBU".split()  # by its value; 0 says nothing
 _DIRECTIONS = {"R": (1, 0, 0), "L": (-1, 0, 0), "D": (0, 1, 0), "U": (0, -1, 0), "F": (0, 0, 1), "B": (0, 0, -1)}
-_MOST_DEGREE, _READ_DEGREE = 4, 3
+_MOST_DEGREE = 4
 GZIP = 31  # window bits of zlib that make its stream a gzip one, with no name and no date in its header
 
 
@@ -65,7 +65,7 @@ def read_bytes(path: AnyPath, data: bytes) -> Splats:
     except (zlib.error, struct.error) as error:
         raise InputError(f"{path}: the SPZ stream is damaged ({error}): copy or export it again") from error
     axes = _axes(path, records)
-    if header.degree > _READ_DEGREE:
+    if header.k > len(FLIPPED):
         warn_beyond(path, header.count, header.degree)
     facts = FileFacts(True if header.flags & ANTIALIASED else None, frame=_frame(axes))
     splats = _decode(header, sections, facts)

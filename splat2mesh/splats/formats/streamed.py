@@ -39,22 +39,13 @@ class Streamed:
     tiles: tuple[dict[Path, int], ...]
     environment: Path | None
 
-    def level(self, lod: int | str = "auto") -> int:
-        """Return the number of the level that `lod` names, as `level_of` does."""
-        return level_of(self.path, self.counts, lod)
-
     def check_tiles(self, level: int) -> None:
-        """Check that every tile of a level is there and says that it holds the splats it should.
-
-        Raises InputError where one is missing or holds another number.
-        """
+        """Check that every tile of a level is there. Raises InputError where one is missing."""
         tiles = self.tiles[level]
         lost = [path for path in [*tiles, *([self.environment] if self.environment else [])] if not path.is_file()]
         if lost:
             which = f"{lost[0]} is" if len(lost) == 1 else f"{lost[0]} and {len(lost) - 1} more are"
             raise InputError(f"{which} missing, named by {self.path} for level {level}: copy the whole folder")
-        for path, count in tiles.items():
-            check_count(path, _announced(path), count, self.path)
 
 
 def level_of(path: Path, counts: tuple[int, ...], lod: int | str) -> int:
@@ -72,12 +63,12 @@ def level_of(path: Path, counts: tuple[int, ...], lod: int | str) -> int:
     return lod
 
 
-def check_count(path: Path, found: int | None, expected: int, meta_path: Path) -> None:
+def check_count(path: Path, found: int, expected: int, meta_path: Path) -> None:
     """Check the number of splats of a tile against its lod-meta.json.
 
-    path: of the tile. found: none where it is not known yet, which passes. Raises InputError where they differ.
+    path: of the tile. Raises InputError where they differ.
     """
-    if found is not None and found != expected:
+    if found != expected:
         raise InputError(
             f"{path} holds {found:,} splats, {meta_path.name} says {expected:,}: copy or export the folder again"
         )
@@ -150,14 +141,3 @@ def _whole(value: Any) -> int:
     if type(value) is not int or value < 0:
         raise ValueError(f"expected a whole number, found {value!r}")
     return value
-
-
-def _announced(path: Path) -> int | None:
-    """The declared number of splats in an unbundled SOG tile; None for any other tile, and without a number."""
-    if path.suffix.lower() != ".json":
-        return None
-    try:
-        meta = read_json(path)
-        return int(meta["count"] if "count" in meta else meta["means"]["shape"][0])
-    except (OverflowError, ValueError, KeyError, IndexError, TypeError, AttributeError):
-        return None  # what is wrong with it, its reader says better

@@ -29,6 +29,7 @@ MOST_PRIMS = 1_000_000
 """Which take half a minute to visit."""
 
 _TYPE = "ParticleField3DGaussianSplat"
+_IDENTITY = np.array([1, 0, 0, 0], np.float32)
 _TURNS = {"Y": np.diag([1.0, -1.0, -1.0]), "Z": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])}
 """From each up axis to y down."""
 
@@ -84,23 +85,11 @@ def _splats(path: str | os.PathLike[str], prim: Any) -> Splats:
         raise InputError(f"{path} holds no splats: {prim.GetPath()} has no positions")
     n = len(means)
     scales, opacities = find("scales", 3, n), find("opacities", 1, n)
-    quats = _quats(path, prim, n)
+    quats_xyzw = find("orientations", 4, n)  # as in memory
+    quats = np.tile(_IDENTITY, (n, 1)) if quats_xyzw is None else quats_xyzw[:, [3, 0, 1, 2]]
     scales = np.ones((n, 3), np.float32) if scales is None else scales
     opacities = np.ones(n, np.float32) if opacities is None else opacities
     return Splats(means, scales, quats, np.clip(opacities, 0, 1), _harmonics(path, prim, find, n))
-
-
-def _quats(path: str | os.PathLike[str], prim: Any, n: int) -> NDArray[np.float32]:
-    """Quaternions w x y z, the identity where there are none: (N, 4)."""
-    for name in ("orientations", "orientationsh"):
-        attribute = prim.GetAttribute(name)
-        found = attribute.Get() if attribute and attribute.HasAuthoredValue() else None
-        if found is not None:
-            values = np.array(found, np.float32).reshape(-1, 4)  # x y z w in memory
-            if len(values) < n:
-                raise InputError(f"{path}: {prim.GetPath()} has {len(values)} {name} for {n} splats")
-            return values[:n, [3, 0, 1, 2]]
-    return np.tile(np.array([1, 0, 0, 0], np.float32), (n, 1))
 
 
 def _harmonics(path: str | os.PathLike[str], prim: Any, find: Any, n: int) -> NDArray[np.float32]:

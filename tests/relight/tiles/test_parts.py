@@ -18,10 +18,12 @@ from relight.tiles.shared import city_of, coarse_city
 from relight.tiles.work import TileRequest, relit_tile
 from relight.transfer.precomputed import Precomputed
 from splat2mesh.base.errors import InputError
+from splat2mesh.base.progress import Stages
+from splat2mesh.options import TilingOptions
 from splat2mesh.splats.formats import read_splats
 from splat2mesh.tiles.plan import FILE, CityPlan
 from splat2mesh.tiles.store import Store
-from splat2mesh.tiles.tasks import engine
+from splat2mesh.tiles.tasks import tiling_engine
 
 OPTIONS = LightingOptions(bands=3, rays=64, effects="shadows bounces")
 CORE = np.array([[0.0, 0.0], [40.0, 20.0]])
@@ -111,7 +113,7 @@ def test_a_city_in_parts_is_lit_as_uncut(city, cut, uncut):
 @pytest.mark.slow
 def test_a_worker_writes_the_same_parts(city, cut, tmp_path):
     copy = Path(shutil.copytree(city, tmp_path / "copy", ignore=shutil.ignore_patterns("relit")))
-    with engine(None, 1, None) as running:
+    with tiling_engine(TilingOptions(workers=1), Stages()) as running:
         assert sums(relit(copy, little(city), "cut", running)) == sums(cut)
 
 

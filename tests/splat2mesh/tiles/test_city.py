@@ -11,13 +11,15 @@ from buckets import bucket_server, copied, made_bucket, no_rights
 from cities import few_pixels, generated, meshed, sums
 
 from splat2mesh.base.errors import InputError, UnfinishedError
+from splat2mesh.base.progress import Stages
 from splat2mesh.cli import main
+from splat2mesh.options import TilingOptions
 from splat2mesh.scene.meshfile import mesh_from_ply_bytes
 from splat2mesh.splats.formats import read_splats, write_inria_ply
 from splat2mesh.tiles import city as city_module
 from splat2mesh.tiles import pieces
 from splat2mesh.tiles.store import Store
-from splat2mesh.tiles.tasks import Cluster, engine
+from splat2mesh.tiles.tasks import Cluster, tiling_engine
 
 sys.path.insert(0, str(Path(__file__).parents[3] / "scripts"))
 
@@ -196,7 +198,8 @@ def test_a_silent_scheduler_and_workers_of_another_version_are_reported(monkeypa
     from splat2mesh.tiles import tasks
 
     monkeypatch.setattr(tasks, "CONNECT_S", 0.2)
-    with pytest.raises(InputError, match="does not answer"), engine("tcp://127.0.0.1:9", None, None):
+    nowhere = TilingOptions(scheduler="tcp://127.0.0.1:9")
+    with pytest.raises(InputError, match="does not answer"), tiling_engine(nowhere, Stages()):
         pass
 
     class Client:

@@ -1,4 +1,4 @@
-"""The predicted cost of a city, without making any of it."""
+"""The tiles of a city, without making any of them."""
 
 import json
 
@@ -24,9 +24,7 @@ def test_the_tiles_are_those_that_would_be_made(source, monkeypatch):
     assert expected["tiles"] == len(expected["tile_splats"]) == len(expected["tile_size"]) == 4
     assert sum(expected["tile_splats"]) == pytest.approx(24_000, rel=0.05)
     assert (np.array(expected["tile_size"]) > 0).all()
-    assert expected["memory_gb"] > BASE_GB and expected["processor_seconds"] > 0
-    finer = outlook(source, ConvertOptions(detail="fine", up="-y"), TilingOptions(tile_splats=TILE_SPLATS))
-    assert finer["processor_seconds"] > expected["processor_seconds"]
+    assert expected["memory_gb"] > BASE_GB
     assert any("4 of 5," in line for line in lines_of(expected))
 
 

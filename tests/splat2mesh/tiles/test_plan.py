@@ -16,8 +16,8 @@ def plan_of(tiles):
 def test_tiles_cover_the_city_without_overlap_and_hold_no_more_than_they_may(seed):
     rng = np.random.default_rng(seed)
     places = np.concatenate([rng.uniform(-300, 700, (3000, 2)), rng.normal(100, 40, (3000, 2))])
-    low, high = places.min(axis=0), places.max(axis=0)
-    tiles, counts = cut(places, np.full(6000, 50.0), low, high, 1.0, 10.0, 40_000)
+    bounds = np.stack([places.min(axis=0), places.max(axis=0)])
+    tiles, counts = cut(places, np.full(6000, 50.0), bounds, 1.0, 10.0, 40_000)
     plan = plan_of(tiles)
     owner = plan.owner_of(places)
     assert owner.min() >= 0 and sum(counts) == 300_000
@@ -44,7 +44,7 @@ def test_memory_that_the_libraries_fill_is_refused():
 
 def test_a_city_beyond_the_lattice_is_refused():
     with pytest.raises(InputError, match="too many"):
-        cut(np.zeros((1, 2)), np.ones(1), np.zeros(2), np.full(2, 1e6), 0.1, 1.0, 10)
+        cut(np.zeros((1, 2)), np.ones(1), np.array([[0.0], [1e6]]) + np.zeros(2), 0.1, 1.0, 10)
 
 
 def test_the_distance_of_splats_goes_by_the_surface_that_they_lie_on():

@@ -2,7 +2,6 @@
 
 import os
 import sys
-from importlib.util import find_spec
 from pathlib import Path
 from socket import create_connection
 from urllib.request import urlopen
@@ -11,7 +10,10 @@ import numpy as np
 import pytest
 
 from splat2mesh.base.progress import Stages
-from splat2mesh.tiles.tasks import Cluster, Loop, Task, engine
+from splat2mesh.options import TilingOptions
+from splat2mesh.tiles.tasks import Cluster, Loop, Task, tiling_engine
+
+ONE = TilingOptions(workers=1)
 
 
 def add(a, b):
@@ -49,8 +51,8 @@ def test_a_failure_is_named_what_waits_for_it_is_left_and_the_rest_is_done():
 def test_workers_say_the_same_and_one_that_dies_or_is_gone_is_replaced(tmp_path, monkeypatch):
     pytest.importorskip("distributed")
     monkeypatch.setattr("splat2mesh.tiles.tasks.PATIENCE_S", 1.0)
-    with engine(None, 1, None) as running:
-        assert isinstance(running, Cluster) and running.workers == 1
+    with tiling_engine(ONE, Stages()) as running:
+        assert isinstance(running, Cluster)
         assert outcomes(running) == outcomes(Loop())
         tasks = [Task(f"die {n}", die_once, (str(tmp_path), n)) for n in range(1)]
         assert sorted(done.result for done in running.run(tasks)) == [0]
@@ -71,27 +73,23 @@ def faults(size):
     return -made() + made()
 
 
-def test_the_dashboard_answers_to_this_machine_alone(monkeypatch, capfd):
+def test_the_dashboard_answers_to_this_machine_alone(monkeypatch):
     pytest.importorskip("distributed")
     monkeypatch.setattr("splat2mesh.tiles.tasks.find_spec", lambda name: name == "bokeh")
-    with engine(None, 1, None) as running:
-        host, port = running.dashboard.split("/")[2].split(":")
+    told: list[str] = []
+    with tiling_engine(ONE, Stages(tell=told.append)):
+        (address,) = [line.removeprefix("dashboard: ") for line in told]
+        host, port = address.split("/")[2].split(":")
         assert host == "127.0.0.1"
-        with urlopen(running.dashboard) as page:
+        with urlopen(address) as page:
             assert page.status == 200
         with pytest.raises(OSError, match="refused"):
             create_connection(("127.0.0.2", int(port)), timeout=5)
-        for show in (False, True):
-            stages = Stages(show=show)
-            stages.notify(f"dashboard: {running.dashboard}")
-            stages.close()
-            assert (running.dashboard in capfd.readouterr().err) == show
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="glibc's malloc")
 def test_a_worker_keeps_its_memory_for_what_comes_next():
     pytest.importorskip("distributed")
-    with engine(None, 1, None) as running:
-        assert (running.dashboard is None) == (find_spec("bokeh") is None)
+    with tiling_engine(ONE, Stages()) as running:
         (done,) = running.run([Task("faults", faults, (3 << 20,))])
     assert done.result < 10 * (3 << 20) / os.sysconf("SC_PAGE_SIZE") / 10  # all of them without

@@ -1,4 +1,4 @@
-"""Splats in glTF: as ratified, quantised, placed by nodes, of drafts, compressed by SPZ; damage."""
+"""Splats in glTF: as ratified, quantised, placed by nodes, compressed by SPZ; damage."""
 
 import json
 from dataclasses import replace
@@ -90,24 +90,6 @@ def test_compressed_by_spz(tmp_path, version):
         read_splats(store(tmp_path, "c.glb", spz_glb(spz[:-50])))
 
 
-def test_scales_of_a_draft_are_logarithms(tmp_path):
-    splats = make_splats(30, 0)
-    arrays = attributes_of(splats)
-    arrays[f"{NAME}:SCALE"] = np.log(arrays[f"{NAME}:SCALE"])
-    with pytest.warns(DataWarning, match="took the scales of 30 splats for logarithms"):
-        found = read_splats(store(tmp_path, "a.glb", splat_glb(arrays)))
-    assert_close(found, placed(splats, UP))
-
-
-def test_colour_and_opacity_of_a_draft(tmp_path):
-    splats = make_splats(30, 0)
-    old = attributes_of(splats)
-    color = np.column_stack([splats.colors_diffuse, splats.opacities])
-    arrays = {"POSITION": old["POSITION"], "_ROTATION": old[f"{NAME}:ROTATION"], "_SCALE": old[f"{NAME}:SCALE"]}
-    found = read_splats(store(tmp_path, "a.glb", splat_glb(arrays | {"COLOR_0": color})))
-    assert_close(found, placed(splats, UP))
-
-
 def test_linear_colours_are_converted(tmp_path):
     splats = make_splats(30, 1)
     splats = replace(splats, sh=(splats.sh * 0.1).astype(np.float32))
@@ -134,7 +116,7 @@ def test_what_cannot_be_used_gets_one_line(tmp_path):
         (glb_bytes({"asset": {"version": "2.0"}}, b""), "expected a primitive with KHR_gaussian_splatting"),
         (without("POSITION"), "have no POSITION"),
         (without("SCALE"), "lack SCALE or ROTATION"),
-        (without("OPACITY"), "lack OPACITY or SH_DEGREE_0_COEF_0, and COLOR_0"),
+        (without("OPACITY"), "lack OPACITY or SH_DEGREE_0_COEF_0"),
         (splat_glb(arrays | {f"{NAME}:SCALE": splats.scales[:7]}), r"SCALE of the splats must have shape \(20, 3\)"),
         (splat_glb(arrays | {"POSITION": splats.opacities}), "POSITION of the splats must have shape"),
         (stretched, "scaled alike in all directions"),
