@@ -79,7 +79,7 @@ def ways(truth, environment):
         Job(RelightRequest(truth.folder, environment, formats=("splat",), capture_env=capture))
         for capture in (None, truth.captured_in)
     )
-    binding, look, normals = ours.binding, ours.appearance, ours.scene.normals
+    binding, look, normals = ours.known.binding, ours.known.appearance, ours.known.scene.normals
     on_normals = analytic(normals, BANDS).astype(np.float64)
 
     def ratio(before, after):

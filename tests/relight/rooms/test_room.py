@@ -130,7 +130,7 @@ def test_what_a_window_lets_in_is_new():
 
 def test_what_windows_let_in_of_the_captured_light_is_kept_and_a_broken_one_is_made_anew(tmp_path, monkeypatch):
     scene = room("one-window")[0]
-    look = relit(scene)[0].appearance._replace(place=Place.ROOM)
+    look = relit(scene)[0].known.appearance._replace(place=Place.ROOM)
     calls, shading = [], Relighter.shading
     monkeypatch.setattr(Relighter, "shading", lambda *given: calls.append(given) or shading(*given))
 
