@@ -92,7 +92,7 @@ def ways(truth, environment):
         return on_normals @ light.sh(BANDS)
 
     new = lit(environment)
-    yield "unchanged", ours.splats[0]
+    yield "unchanged", ours.inputs.splats[0]
     yield "new light alone", ratio(np.ones_like(new), new)
     yield "one SH light", ratio(fitted(normals, look.captured), on_normals[:, : FEW**2] @ environment.sh(FEW))
     yield "normals, known", ratio(lit(truth.captured_in), new)
