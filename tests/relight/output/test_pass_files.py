@@ -12,7 +12,7 @@ from relight.cli import main
 from relight.jobs.folders import relight_files
 from relight.jobs.job import Job
 from relight.light.color_spaces import SPACES
-from relight.output.pass_views import moved_view
+from relight.output.pass_files import moved_view
 from relight.output.preview import NOWHERE, Preview
 from scenes.cameras import write_inria_cameras
 from splat2mesh.base.errors import InputError

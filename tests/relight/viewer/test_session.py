@@ -426,7 +426,7 @@ def test_a_picture_fits_into_what_the_panel_leaves_free(within, aspect):
 
 
 def test_without_a_process_the_same_messages_come(scene):
-    worker = InlineWorker(scene, {"noon": "noon"}, {"white": None})
+    worker = InlineWorker(SessionScene(scene, {"noon": "noon"}, {"white": None}))
     assert worker.poll() == []
     worker.submit(session_of(scene, albedos={"white": None}).answers.wish)
     kinds = [message[0] if message[0] != "result" else message[1] for message in worker.poll()]
