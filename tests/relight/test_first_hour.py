@@ -14,6 +14,7 @@ from viewer_scenes import ball_on_plate
 import relight.jobs.meshing
 from relight.cli import main
 from relight.jobs.job import Job
+from relight.jobs.session import session_of
 from relight.jobs.writer import Writer
 from relight.light import skies
 from relight.options import LightingOptions
@@ -160,6 +161,13 @@ def test_without_its_splat_a_scene_shows_its_mesh_and_says_so(here):
     assert Writer(job).write(shaded, here / "out")["preview"]["shows"] == "mesh"
     with pytest.raises(InputError, match="does not exist"):
         Job(RelightRequest("ball", "noon", formats=("splat",))).inputs.splats  # noqa: B018
+
+
+def test_a_session_of_a_scene_from_a_splat_shows_the_splat(here):
+    options = LightingOptions("analytic", bands=3)
+    shown = session_of(Job(RelightRequest("ball", "noon", options, albedo="captured", caching="none"))).splats
+    assert len(shown.captured) == 3000 and set(shown.looks) == {"captured"}
+    assert len(shown.far(shown.captured).rows) == 0  # it has no sky
 
 
 def test_a_plan_estimates_no_albedo_and_says_so(here, capsys):
