@@ -9,7 +9,9 @@ import pytest
 from relight.insert.probe import Light, probe, usual_place
 from relight.insert.surroundings import Sky
 from relight.light.environment import Environment
-from relight.output.probe_files import balls, irradiance
+from relight.output.probe_files import balls
+from relight.output.probe_set import irradiance_of
+from relight.sh import harmonics
 from relight.transfer.occluder import Occluder
 from splat2mesh.base.errors import DataWarning
 from splat2mesh.base.sphere import fibonacci_sphere, row_solid_angles, texel_directions
@@ -19,6 +21,11 @@ from splat2mesh.splats.splats import SH_C0, Splats
 
 PLACE = np.array([1.0, 2.0, 3.0])
 UPSIDE_DOWN = np.diag([1.0, -1.0, -1.0, 1.0])
+
+
+def irradiance(image, normals):
+    """Irradiance over pi of unit normals (N, 3) in a lat-long picture."""
+    return harmonics.evaluate(normals, 3) @ irradiance_of(image)
 
 
 def shell(display, radius=5.0, count=6000):
