@@ -17,7 +17,7 @@ brings one down writes the lower number here; none writes a higher one."""
 MANY_BRANCHES, MANY_PARAMETERS = 15, 7
 """Of functions that are no kernels."""
 
-SHARED_ALIASES = {"AnyPath": 2, "Camera": 2, "Lamp": 2, "Light": 2}
+SHARED_ALIASES = {"AnyPath": 2, "Camera": 2, "Lamp": 2}
 """Names of types, or of classes and types, that stand for more than one thing: how many."""
 
 BRANCH = (

@@ -41,7 +41,7 @@ INSIDE = 0.5
 """Share of directions that meet back faces, above which the position is inside something."""
 
 
-class Light(NamedTuple):
+class LightAround(NamedTuple):
     """Known light besides the splats. skies: with their suns. glow: (V, 3) float32 radiance of the scene's vertices
     that are lamps, or None. Both in the unit of the radiance."""
 
@@ -53,7 +53,7 @@ def probe(
     splats: Splats,  # in the light, in their own frame
     scene: Scene,
     occluder: Occluder,
-    light: Light,
+    light: LightAround,
     exposure: float,  # units of the picture per unit of the radiance
     place: Vector,  # (3,) in the frame of the splats
     height: int = HEIGHT,

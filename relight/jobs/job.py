@@ -34,7 +34,7 @@ from .object_surroundings import light_under, surroundings_under
 
 if TYPE_CHECKING:
     from ..insert.inserts import Inserts
-    from ..insert.probe import Light
+    from ..insert.probe import LightAround
     from ..planning.plan import Plan
 
 OF_SURFACES = frozenset({"glb", "ply", "npy", "png", "splat"})
@@ -194,7 +194,7 @@ class Job:
         shaded = self.mix.mixed(shaded) if self.light_kind.adds else shaded
         return shaded if self.known.inserts is None else self._with_objects(shaded, self.known.inserts)
 
-    def light_around(self, shaded: Shaded) -> "Light":
+    def light_around(self, shaded: Shaded) -> "LightAround":
         """The skies of one of the lights, and the radiance of captured lamps in it."""
         return light_under(shaded, self.mix)
 

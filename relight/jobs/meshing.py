@@ -98,6 +98,7 @@ def scene_at_hand(
         scene.save(folder)
     if scene.measured is not None:  # rounded there
         scene.measured = Measured.load(folder / MEASURED, scene.vertex_count)
+    scene.picture = scene.proxy = scene.textured = None  # whose files are never read
     return SceneAtHand(scene, splat, None if capture is None else capture.loaded), summary_of(scene, folder)
 
 

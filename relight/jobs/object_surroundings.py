@@ -12,7 +12,7 @@ from splat2mesh.base.errors import DataWarning
 
 from ..engine.light_mix import LightMix
 from ..engine.relighter import Shaded
-from ..insert.probe import Light
+from ..insert.probe import LightAround
 from ..insert.surroundings import Sky, surroundings_of
 from ..lamps.photometry import times
 from ..light.captured import CapturedLight
@@ -45,25 +45,27 @@ def surroundings_in(now: "ObjectsUnder", mix: LightMix) -> "Surroundings":
     return _around(mix, now.radiance, light, lamps, now.level)
 
 
-def light_under(shaded: Shaded, mix: LightMix) -> Light:
+def light_under(shaded: Shaded, mix: LightMix) -> LightAround:
     """Return the skies of a light, and the radiance of captured lamps in it."""
     captured = mix.captured_factor if mix.kind.adds else float(mix.look.as_captured)
     skies = [Sky(shaded.light, mix.env_scale)] if mix.env_scale > 0.0 else []
     return _with_captured(mix, skies, captured, shaded.shading.radiance, _level(shaded, mix))
 
 
-def _around(mix: LightMix, radiance: Radiance, light: Light, lamps: "Sequence[Lamp]", level: float) -> "Surroundings":
+def _around(
+    mix: LightMix, radiance: Radiance, light: LightAround, lamps: "Sequence[Lamp]", level: float
+) -> "Surroundings":
     """The Surroundings; lamps in units of the picture, `level` of which are one of the radiance (V, 3)."""
     scene, occluder = mix.relighter.scene, mix.relighter.occluder
     lamps = [times(lamp, 1.0 / level) for lamp in lamps]
     return surroundings_of(scene, occluder, radiance, light.skies, lamps, light.glow)
 
 
-def _with_captured(mix: LightMix, skies: list[Sky], captured: float, radiance: Radiance, level: float) -> Light:
-    """The Light of skies and of a fraction of the captured light, at a level as of `_around`."""
+def _with_captured(mix: LightMix, skies: list[Sky], captured: float, radiance: Radiance, level: float) -> LightAround:
+    """The LightAround of skies and of a fraction of the captured light, at a level as of `_around`."""
     if captured > 0.0:
         skies = [*skies, Sky(_captured_sky(mix), captured / level)]
-    return Light(skies, _glow(radiance, mix, (captured if mix.kind.adds else 1.0) / level))
+    return LightAround(skies, _glow(radiance, mix, (captured if mix.kind.adds else 1.0) / level))
 
 
 def _level(shaded: Shaded, mix: LightMix) -> float:

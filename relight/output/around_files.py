@@ -1,6 +1,6 @@
 """Files on the surrounding light: probes of it, and the changes that objects make to it."""
 
-from ..insert.probe import Light
+from ..insert.probe import LightAround
 from .catcher_files import write_catcher
 from .probe_files import ProbedScene, write_probes
 from .relit_splats import RelitSource
@@ -22,7 +22,7 @@ class AroundFiles:
         with written.stages.stage("around"):
             if "probe" in asked.kinds:
                 assert written.light_around is not None
-                light: Light = written.light_around(shaded)
+                light: LightAround = written.light_around(shaded)
                 probed = ProbedScene(into.relit, written.scene, written.relighter.occluder, light, shaded.exposure)
                 names += write_probes(into.path, probed, asked.probe_at, asked.probe_grid)
             if "catcher" in asked.kinds and shaded.inserted is not None:

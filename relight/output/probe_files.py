@@ -12,7 +12,7 @@ from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
 from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.splats import Splats
 
-from ..insert.probe import Light, probe, usual_place
+from ..insert.probe import LightAround, probe, usual_place
 from ..insert.probe_grid import ProbeGrid
 from ..light.environment import Environment
 from ..light.tonemap import compress_highlights
@@ -37,7 +37,7 @@ class ProbedScene(NamedTuple):
     splats: Splats
     scene: Scene
     occluder: Occluder
-    light: Light
+    light: LightAround
     exposure: float
 
     def picture(self, place: Vector, *rows: int) -> NDArray[np.float32]:

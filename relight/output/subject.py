@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from ..engine.placed import LampLight
     from ..engine.relighter import Relighter, Shaded
     from ..gloss import SceneGloss
-    from ..insert.probe import Light
+    from ..insert.probe import LightAround
     from ..insert.probe_grid import ProbeGrid
     from ..light.environment import Environment
     from ..splats.floor_mirror import FloorMirror
@@ -58,7 +58,7 @@ class WrittenScene:
     called where splats are. lamps: function of a light and its exposure: what was added to it. gloss: None where gloss
     stays as captured. mix: all light. lamp_light: returns the LampLight of lamps beside every light, or None. mirror:
     returns the FloorMirror of the splats, or None. texture: returns the Baked texture of mesh.glb, or None; made when
-    it is needed without. light_around: returns the Light of one of the lights. light_parts: of one of them, what
+    it is needed without. light_around: returns the LightAround of one of the lights. light_parts: of one of them, what
     vertices send out by the way that its light came: those but `kinds.SUN`, which is a part of another, are all of it.
     pass_views: returns the cameras of passes, frame of the scene; None is that of the preview.
     """
@@ -74,7 +74,7 @@ class WrittenScene:
     lamp_light: "Callable[[], LampLight | None]" = lambda: None
     mirror: Callable[[], "FloorMirror | None"] = lambda: None
     texture: Callable[[], "Baked | None"] | None = None
-    light_around: "Callable[[Shaded], Light] | None" = None
+    light_around: "Callable[[Shaded], LightAround] | None" = None
     light_parts: "Callable[[Shaded], LightParts] | None" = None
     pass_views: Callable[[], Sequence[View] | None] = lambda: None
 

@@ -82,7 +82,17 @@ def test_a_scene_at_hand_is_as_its_folder_has_it(here):
             found, expected = getattr(scene, name), getattr(read, name)
             assert found.dtype == expected.dtype
             np.testing.assert_array_equal(found, expected)
-        for name in ("path", "source", "settings", "statistics", "capture", "preview_camera", "hull", "left"):
+        for name in (
+            "path",
+            "source",
+            "settings",
+            "statistics",
+            "capture",
+            "preview_camera",
+            "hull",
+            "left",
+            "textured",
+        ):
             assert getattr(scene, name) == getattr(read, name), name
         for name in ("splat_volume", "vertex_volume"):
             np.testing.assert_array_equal(getattr(scene.measured, name), getattr(read.measured, name))

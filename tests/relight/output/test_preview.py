@@ -17,7 +17,7 @@ FRONT = {"eye": [0, 0, 5], "target": [0, 0, 0], "up": [0, 1, 0], "fov_deg": 60.0
 BLACK = Environment(np.zeros((2, 4, 3)))
 
 
-def render_preview(scene, radiance, environment, camera, width, height, exposure=1.0, samples=4):
+def render_preview(scene, radiance, environment, camera, width=960, height=720, exposure=1.0, samples=4):
     """One picture under one light."""
     return Preview(scene, camera, width, height, samples).render(radiance, environment, exposure)
 

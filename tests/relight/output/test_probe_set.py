@@ -7,7 +7,7 @@ import open3d as o3d
 import pytest
 from probe_lights import AXIS, LOBE_ERROR, lobe, lobe_irradiance, picture
 
-from relight.insert.probe import Light
+from relight.insert.probe import LightAround
 from relight.insert.probe_grid import ProbeGrid
 from relight.insert.surroundings import Sky
 from relight.light.environment import Environment
@@ -73,7 +73,7 @@ def test_a_single_lobe_lights_as_its_closed_form():
 @pytest.mark.parametrize("matrix", [np.eye(4), UPSIDE_DOWN], ids=["upright", "upside down"])
 def test_the_file_is_in_the_frame_of_the_scene_whatever_that_of_the_splat(tmp_path, matrix):
     scene, occluder = ball(matrix)
-    light = Light([Sky(Environment(picture(lobe), "sky"), 1.0)], None)
+    light = LightAround([Sky(Environment(picture(lobe), "sky"), 1.0)], None)
     places = [(0.0, 3.0, 0.5), (2.0, 0.0, -3.0)]
     names = write_probes(tmp_path, ProbedScene(speck(), scene, occluder, light, 2.0), list(map(np.array, places)))
     assert names[-1] == NAME and "probe_2.exr" in names
@@ -118,7 +118,7 @@ def test_a_grid_lies_between_two_corners_or_about_the_scene():
 
 def test_a_grid_leaves_probe_exr_where_the_capture_stood(tmp_path):
     scene, occluder = ball()
-    light, corners = Light([Sky(Environment(picture(lobe), "sky"), 1.0)], None), [np.ones(3), 3 * np.ones(3)]
+    light, corners = LightAround([Sky(Environment(picture(lobe), "sky"), 1.0)], None), [np.ones(3), 3 * np.ones(3)]
     names = write_probes(tmp_path, ProbedScene(speck(), scene, occluder, light, 1.0), corners, ProbeGrid((1, 1, 2)))
     assert names == ["probe.exr", "probe.png", NAME]
     positions, _ = read(tmp_path)

@@ -14,7 +14,7 @@ from gltf_check import validator_issues
 from relight.cli import main
 from relight.engine.appearance import Appearance
 from relight.output.lamps_glb import NO_LAMPS
-from relight.output.subject import AskedFiles, WrittenScene
+from relight.output.subject import AskedFiles, LitFolder, WrittenScene
 from relight.output.textures import SceneTextures
 from splat2mesh.base.errors import DataWarning
 from splat2mesh.base.progress import Stages
@@ -88,7 +88,8 @@ def test_the_file_is_valid_and_has_the_faces_of_the_scene(folder, tmp_path):
 def test_baked_files_have_the_texels_of_the_capture(folder, tmp_path):
     """No second unwrapping: texture coordinates are those of mesh.glb, and the albedo is its picture."""
     scene = Scene.load(folder)
-    names, facts = textures_of(scene).write_baked(tmp_path, shaded(scene), ("texture",))
+    into = LitFolder(tmp_path, shaded(scene))
+    names, facts = textures_of(scene).write(into), into.facts["texture"]
     assert facts == {"size": 128, "unseen_texels": scene.statistics["texels_unseen"]}
     before = pygltflib.GLTF2().load(folder / "mesh.glb")
     captured = picture_of(before)
