@@ -26,7 +26,7 @@ class Busy(Exception):
 
 
 def workspace_of(path: Path) -> Path:
-    """Return the temporary path of an output: beside it, so that a rename is one step.
+    """Return the temporary path of an output: beside it, so a rename is one step.
 
     path: of the output.
     """
