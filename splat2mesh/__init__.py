@@ -2,5 +2,5 @@
 
 import lazy_loader
 
-# Imported on first use, so that `--help` and `--version` stay instant.
+# Imported on first use, so `--help` and `--version` stay instant.
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

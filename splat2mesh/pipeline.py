@@ -149,7 +149,7 @@ def _picture_view(capture: Capture, asked: ConvertOptions, mesh: Mesh, shown: Sp
 def _scene_of(
     path: str | os.PathLike[str], capture: Capture, asked: ConvertOptions, surface: SeenSurface, stages: Stages
 ) -> Scene:
-    """The Scene of a surface, with what is known and was measured of its capture, and leaves apart where asked for."""
+    """The Scene of a surface, with the facts of its capture, and leaves apart on request."""
     splats, foreground, rotation, standing = capture.splats, capture.foreground, capture.rotation, capture.standing
     mesh, near = surface.mesh, near_plane(bounds_of(foreground))
     with stages.stage("picture"):
@@ -192,7 +192,7 @@ def _scene_of(
 
 
 def _settings(capture: Capture, asked: ConvertOptions) -> dict[str, Any]:
-    """The entry of scene.json on what was asked for."""
+    """The settings of the request, as scene.json keeps them."""
     return {
         "detail": asked.detail,
         "surface": asked.surface,

@@ -178,7 +178,7 @@ class Animation:
         targets = primitive.targets or []
         vertex_targets = self._targets(targets, "POSITION", count, what)
         normal_targets = self._targets(targets, "NORMAL", count, what)
-        weights = np.array(self._data.node_weights[index] or mesh.weights or [0.0] * len(targets), np.float64)
+        weights = np.array(self._data.document.nodes[index].weights or mesh.weights or [0.0] * len(targets), np.float64)
         joints, joint_weights = (None, None) if node.skin is None else self._influences(attributes, node, count, what)
         skin = None if joints is None else node.skin
         colors = self._colors(primitive, count, what)

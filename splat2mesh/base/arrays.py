@@ -33,7 +33,7 @@ Vector: TypeAlias = NDArray[np.floating]
 """(3,) float: one place or direction."""
 
 Triple: TypeAlias = tuple[float, float, float]
-"""The same as three plain numbers, in what is asked for; or red, green and blue."""
+"""The same as three plain numbers, in requests; or red, green and blue."""
 
 Bounds: TypeAlias = NDArray[np.floating]
 """(2, 3) float: the lowest and the highest corner of a box along the axes."""

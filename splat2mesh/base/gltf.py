@@ -58,8 +58,7 @@ class Record(dict):
 class GltfData:
     """A .glb or .gltf with its buffers in memory.
 
-    document: its JSON, as Records. size: bytes of the file. node_weights: list of (list of float or None), the morph
-    weights of every node.
+    document: its JSON, as Records. size: bytes of the file.
     """
 
     def __init__(self, path: str | Path, meshless: bool = False) -> None:
@@ -77,7 +76,6 @@ class GltfData:
             nodes = document.nodes or []
             if len(nodes) > MOST_NODES:
                 raise InputError(f"{self.path}: has {len(nodes):,} nodes, expected at most {MOST_NODES:,}")
-            self.node_weights = [node.weights for node in nodes]
         packed = [name for name in required if name in UNREADABLE]
         if packed:
             raise InputError(f"{self.path}: needs {', '.join(packed)}, which is not read; export it uncompressed")

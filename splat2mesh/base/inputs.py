@@ -6,9 +6,7 @@ inside a file leads only into the file's own folder, and no exception of a parse
 
 import json
 import lzma
-import math
 import os
-import re
 import stat
 import warnings
 import zipfile
@@ -77,20 +75,6 @@ def loads(text: str | bytes, **how: Any) -> Any:
         return json.loads(text, **how)
     except RecursionError:
         raise ValueError("it is nested too deeply") from None
-
-
-def number(word: str) -> float:
-    """The number of a word, also where Microsoft's C wrote it: `-nan(ind)`, `1.#QNAN`, `-1.#INF`. Raises ValueError for
-    any other word."""
-    try:
-        return float(word)
-    except ValueError:
-        if not _MICROSOFTS.fullmatch(word):
-            raise
-    return float(word.partition("1.#")[0] + "inf") if "#INF" in word else math.nan
-
-
-_MICROSOFTS = re.compile(r"[+-]?(nan\(\w*\)|1\.#\w+)")
 
 
 def load_array(path: str | os.PathLike[str]) -> Any:

@@ -34,7 +34,7 @@ def text_of(kind: types.Type) -> Text:
 
 def type_of(text: Text) -> types.Type:
     """The type that a text stands for. Raises ValueError for another text, ImportError and AttributeError for a tuple
-    of a class that there is not."""
+    of an unknown class."""
     if isinstance(text, str):
         found = getattr(types, "boolean" if text == "bool" else text, None)
         if not isinstance(found, types.Type):

@@ -11,6 +11,7 @@ import hashlib
 import os
 import shutil
 import warnings
+from contextlib import suppress
 from pathlib import Path
 
 from .errors import DataWarning, InputError
@@ -26,7 +27,7 @@ class Busy(Exception):
 
 
 def workspace_of(path: Path) -> Path:
-    """Return the temporary path of an output: beside it, so that a rename is one step.
+    """Return the temporary path of an output: beside it, so a rename is one step.
 
     path: of the output.
     """
@@ -73,7 +74,9 @@ def release(workspace: Path, lock: int) -> None:
     """
     try:
         if not os.path.lexists(workspace / OLD) or _settled(workspace):
-            shutil.rmtree(workspace, ignore_errors=True)
+            with suppress(OSError):
+                _empty(workspace)
+                workspace.rmdir()
     finally:
         _close(lock)
 
@@ -127,12 +130,17 @@ def _clean(workspace: Path) -> None:
             message += f"; the files that it was about to replace are now in {kept}"
         elif not replaced:
             message += f", and put {target} back"
-    for entry in list(workspace.iterdir()):
+    _empty(workspace)
+    warnings.warn(message, DataWarning, stacklevel=4)
+
+
+def _empty(workspace: Path) -> None:
+    """Remove what is in the folder. The name goes last: without it the previous output would count as the only copy."""
+    for entry in (workspace / OLD, workspace / NEW, workspace / NAME):
         if entry.is_dir() and not entry.is_symlink():
             shutil.rmtree(entry)
         else:
-            entry.unlink()
-    warnings.warn(message, DataWarning, stacklevel=4)
+            entry.unlink(missing_ok=True)
 
 
 def _free_name(path: Path) -> Path:

@@ -1,6 +1,6 @@
 """The text of an option that describes one thing: a head, such as a file or a position, then name=value words.
 
-A value ends where the next word with a = begins, so that paths and names may have spaces.
+A value ends where the next word with a = begins, so paths and names may have spaces.
 """
 
 import re

@@ -9,7 +9,7 @@ from ..base.errors import InputError
 from .mesh import Mesh
 
 SEAM_ALLOWANCE = 1.03
-"""Vertices after a cut over vertices before it: what copying the seams adds, so that equal parts still fit."""
+"""Vertices after a cut over vertices before it: what copying the seams adds, so equal parts still fit."""
 
 
 def split(mesh: Mesh, max_vertices: int = DEFAULT_MAX_VERTICES) -> list[Mesh]:

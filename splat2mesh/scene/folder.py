@@ -183,7 +183,7 @@ def _with_paths(source: dict[str, Any], change: Callable[[str], str]) -> dict[st
 
 
 def _relative(file: str, folder: str | os.PathLike[str]) -> str:
-    """A file's path from a folder, with slashes; links among the folders are followed, so that `..` leads back."""
+    """A file's path from a folder, with slashes; links among the folders are followed, so `..` leads back."""
     file = absolute(file)
     try:
         return Path(os.path.relpath(file, os.path.realpath(folder))).as_posix()

@@ -54,7 +54,7 @@ def raw_surface(sights: list[FusionSight], plan: CityPlan, tile: int, carve: flo
     sights.clear()
     give_back()
     if requested is None:
-        raise MemoryError(f"more than {MOST_CELLS:,} cells in one tile: lower `memory`, so that tiles get smaller")
+        raise MemoryError(f"more than {MOST_CELLS:,} cells in one tile: lower `memory` for smaller tiles")
     requested = requested[_within(requested, plan.tiles[tile])]
     if not len(requested):
         return empty

@@ -30,7 +30,7 @@ EXTENT = 3.0
 
 DEEPEST = 8
 """Blocks along z by which a point may miss what a pixel shows and take its colour: 14 along the ray in the corner of a
-view, so that the pixel lies in the range of all tiles on whose border the point stands."""
+view, so the pixel lies in the range of all tiles on whose border the point stands."""
 
 UP = np.array([0.0, 1.0, 0.0])
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.errors import InputError
-from ..base.inputs import file_size, number, reading
+from ..base.inputs import file_size, reading
 from ..render.view import View
 from .poses import LOST, PANORAMA, Camera
 
@@ -150,7 +150,7 @@ def _text_cameras(data: bytes) -> dict[int, _Camera]:
         words = line.split()
         if words and words[0][0] != "#":
             focals, count = _BY_NAME[words[1]]
-            numbers = tuple(map(number, words[4:]))
+            numbers = tuple(map(float, words[4:]))
             if len(numbers) != count:
                 raise ValueError(f"a camera {words[1]} has {count} numbers, found {len(numbers)}")
             found[int(words[0])] = focals, int(words[2]), int(words[3]), numbers
@@ -163,7 +163,7 @@ def _text_images(data: bytes) -> dict[int, _Image]:
     for line in lines:
         words = line.split()
         if words and words[0][0] != "#":
-            numbers = list(map(number, words[1:8]))
+            numbers = list(map(float, words[1:8]))
             found[int(words[0])] = int(words[8]), numbers[:4], numbers[4:]
             next(lines, None)  # its keypoints
     return found

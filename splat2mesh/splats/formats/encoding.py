@@ -85,7 +85,7 @@ def levels(fractions: ArrayLike, bits: int) -> NDArray[np.uint32]:
 
 
 def hide_unusable(splats: Splats, path: str | os.PathLike[str]) -> tuple[Splats, NDArray[np.bool_]]:
-    """Replace rows that a quantised format cannot hold, so that row i stays splat i.
+    """Replace rows that a quantised format cannot hold, so row i stays splat i.
 
     path: of the file, for the warning. Returns splats: rows that no renderer draws (a value that is not finite, a
     length beyond `ABSURD_LENGTH`, no extent, a zero quaternion) are transparent splats at the origin; usable: (N,)

@@ -40,7 +40,7 @@ def check_tiles(folder: Path, tiles: Mapping[Path, Splats]) -> None:
     frames of one capture, or other things.
     """
     paths, bounds = list(tiles), np.stack([_bounds(splats) for splats in tiles.values()])
-    # Flat ones get a thickness, so that they have a volume.
+    # Flat ones get a thickness, so they have a volume.
     pad = 1e-3 * max(float(np.linalg.norm(bounds[:, 1] - bounds[:, 0], axis=1).max()), 1e-12)
     low, high = bounds[:, 0] - pad, bounds[:, 1] + pad
     volume = np.prod(high - low, axis=1)

@@ -14,7 +14,7 @@ SUFFIXES = (".ply", ".splat", ".ksplat", ".spz", ".sog")
 """Suffixes that distinguish the tiles in a folder from its other files."""
 
 METAS = sog.META, streamed.META, f"meta{lcc.SUFFIX}"
-"""Names that many captures share, so that their folders name them."""
+"""Names that many captures share, so their folders name them."""
 
 _LEVEL = re.compile(r"^(\d+)_\d+$|(?<![a-z])lod[ _.-]?(\d+)", re.IGNORECASE)
 """The level in the name of a tile, as streamed SOGs and their tools have it: 0_3, lod1_0, robot.lod3.sog."""

@@ -142,7 +142,7 @@ class Ply:
         return np.memmap(self.path, dtype, "r", start, (count,))
 
     def _ascii_rows(self, name: str, skip: int, dtype: np.dtype) -> NDArray[Any]:
-        # A value takes a digit and a separator, so that no header can announce more rows than could be there.
+        # A value takes a digit and a separator, so no header can announce more rows than could be there.
         most = (os.path.getsize(self.path) - self.body + 1) // (2 * len(dtype.names or ()))
         self._check_count(name, most)
         try:

@@ -97,7 +97,7 @@ def _open_gzip(path: AnyPath, data: bytes) -> tuple[_Header, list[bytes], bytes]
     header = _Header(path, inflate.decompress(data, HEADER.size), (2, 3))
     check_count(path, header.count, len(data))
     expected = header.count * sum(header.widths)
-    # Bounded by what the header announces, so that a damaged stream cannot fill the memory.
+    # Bounded by what the header announces, so a damaged stream cannot fill the memory.
     body = inflate.decompress(inflate.unconsumed_tail, expected)
     _check_size(path, "data", len(body), expected)
     records = b""

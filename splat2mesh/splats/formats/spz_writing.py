@@ -28,7 +28,7 @@ def write(path: str | os.PathLike[str], splats: Splats) -> None:
     splats: in the frame of a PLY. Warns with a DataWarning about splats, positions and harmonics that the format cannot
     hold.
 
-    Positions get as many fraction bits as their reach leaves, so that those of an SPZ come back exactly.
+    Positions get as many fraction bits as their reach leaves, so those of an SPZ come back exactly.
     """
     splats, usable = hide_unusable(splats, path)
     bits = _fraction_bits(np.abs(splats.means).max(axis=1))
