@@ -8,6 +8,7 @@ from splat2mesh.base.errors import InputError
 
 from .asked import AskedLamp, Brightness
 from .shapes import Lamp, MeshLamp
+from .spec import parse_lamps
 
 
 def asked_lamps(placed: Iterable[Any]) -> list[AskedLamp]:
@@ -30,8 +31,6 @@ def asked_lamps(placed: Iterable[Any]) -> list[AskedLamp]:
         elif isinstance(each, get_args(Lamp)):
             found.append(AskedLamp(each, Brightness(1.0, "picture")))
         elif isinstance(each, (str, os.PathLike)):
-            from .spec import parse_lamps
-
             found += parse_lamps(os.fspath(each))
         else:
             raise InputError(f"`placed` {each!r}: expected a lamp, a text or a file of lamps")

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ..planning.effects import BOUNCES, SUN
+from ..transfer.settings import BOUNCES, SUN
 from .canvas import SMALL, Canvas
 from .controls import CONTROLS, MOUSE, SLIDERS, Control, Slider, key_name
 from .hand_panel import draw_hand

@@ -13,7 +13,7 @@ from splat2mesh.base.errors import InputError
 from ..albedo.by_hand import RANGES as HAND_RANGES
 from ..light import skies
 from ..light.environment import Environment
-from ..planning.effects import EFFECTS
+from ..transfer.settings import EFFECTS
 
 RANGES = {
     "angle_deg": (0.0, 360.0),
