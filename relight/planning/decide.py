@@ -27,7 +27,7 @@ UNSHADOWED = ("analytic", "neural-gash")
 """Methods that trace nothing, and march through nothing."""
 
 SAMPLE_VERTICES = 384
-SAMPLE_DIRECTIONS, FEWEST, MOST = 28.7, 1024, 8192
+SAMPLE_DIRECTIONS, FEWEST, MOST = 28.6, 1024, 8192
 """Directions of the sample times the tolerance, rounded up to a power of two: their own noise stays below a third of
 it; and the range that they keep to."""
 

@@ -23,7 +23,7 @@ def scene():
     [
         ({"tolerance": 0.5}, 1024),
         ({"tolerance": 0.03}, 1024),
-        ({"tolerance": 0.0299}, 2048),
+        ({"tolerance": 0.0279}, 2048),
         ({"tolerance": 0.014}, 2048),
         ({"tolerance": 0.01}, 4096),
         ({"tolerance": 0.001}, 8192),
