@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.errors import InputError
+from splat2mesh.base.gltf import GltfData
 from splat2mesh.scene.mesh import Mesh
 
 from ..insert.asked import AskedInsert
@@ -55,8 +56,6 @@ def _animation(asked: AskedInsert) -> Animation | None:
     source = asked.source
     if isinstance(source, Mesh) or Path(source).suffix.lower() not in (".glb", ".gltf"):
         return None
-    from splat2mesh.base.gltf import GltfData
-
     return Animation(str(source)) if GltfData(str(source)).document.animations else None
 
 

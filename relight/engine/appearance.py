@@ -13,18 +13,23 @@ from splat2mesh.base.inputs import load_array
 from splat2mesh.scene.measured import CapturedSky
 from splat2mesh.scene.scene import Scene
 
+from ..albedo import CaptureEvidence, Prior, estimate, with_known_light
 from ..albedo.interior import closed_part, room_notice
+from ..albedo.offered import offer_lights
 from ..albedo.seen import looks_from, standing
 from ..albedo.skylight import LEAST_VISIBLE, visible_part
+from ..light.environment import Environment
+from ..options import lamp_name
+from ..rooms.keeping import as_arrays, room_from
+from ..rooms.room import Pointed, room_of
+from ..transfer.bounces import visible_fraction
 from ..transfer.settings import Settings
 from ..transfer.store import array_key
+from .relighter import Relighter
 
 if TYPE_CHECKING:
-    from ..albedo import Prior
     from ..albedo.said import Said
-    from ..light.environment import Environment
-    from ..rooms.room import Pointed, Room
-    from .relighter import Relighter
+    from ..rooms.room import Room
 
 CHOICES = ("estimated", "captured", "white")
 
@@ -123,36 +128,41 @@ def _without_light(
     capture_env: "Environment | None",
     relighter: "Relighter",
 ) -> Appearance:
-    from ..albedo import Prior
-    from ..light.environment import Environment
-    from ..rooms.keeping import room_from
-
     cache, capture_env = relighter.cache, _known(capture_env, relighter)
     key = _key(captured, capture_env, relighter)
     kept = cache.restored(lambda arrays: _checked_estimate(arrays, captured.shape), "albedo", *key)
     if kept is None:
         kept = _of_objects(captured, capture_env, relighter)
         cache.put("albedo", *key, **kept)
-    room = room_from(kept)
+    room, prior = room_from(kept), Prior(**{name: kept[f"prior_{name}"] for name in Prior._fields})
+    _warn_of(kept)
+    described = _described(kept, capture_env, room)
+    if room is not None:
+        place, sky = Place.ROOM, room.environment
+    else:
+        place = Place.UNKNOWN if kept["closed"] else Place.OPEN
+        sky = Environment(kept["environment"], "captured", float(kept["light_turn"]))
+    return Appearance(kept["albedo"], captured, kept["irradiance"], prior, described, place, room, sky)
+
+
+def _warn_of(kept: dict[str, Any]) -> None:
+    """Warn of an estimate that leaves something as captured."""
     if kept["closed"]:
-        warnings.warn(str(kept["reason"]), DataWarning, stacklevel=3)
+        warnings.warn(str(kept["reason"]), DataWarning, stacklevel=4)
     elif not kept["separable"]:
         message = f"the light of the capture could not be separated from the colours of the scene: {kept['reason']}"
-        warnings.warn(f"{message}; the captured colours serve as albedo", DataWarning, stacklevel=3)
-    described = {name: kept[name].tolist() for name in _DESCRIBED}
+        warnings.warn(f"{message}; the captured colours serve as albedo", DataWarning, stacklevel=4)
+
+
+def _described(kept: dict[str, Any], capture_env: "Environment | None", room: "Room | None") -> dict[str, Any]:
+    """An estimate in the report."""
+    found = {name: kept[name].tolist() for name in _DESCRIBED}
     estimated = "estimated, with the captured sky" if kept["under_sky"] else "estimated"
-    described["light"] = estimated if capture_env is None else capture_env.name
-    prior = Prior(**{name: kept[f"prior_{name}"] for name in Prior._fields})
-    described["left_as_captured"] = bool(kept["closed"]) and room is None
+    found["light"] = estimated if capture_env is None else capture_env.name
+    found["left_as_captured"] = bool(kept["closed"]) and room is None
     if kept["closed"]:
-        described["room"] = None if room is None else room.report
-    check = {name: round(float(kept[name]), 3) for name in _CHECKED if name in kept}
-    look = Appearance(kept["albedo"], captured, kept["irradiance"], prior, described | check)
-    sky = room.environment if room is not None else None
-    if room is None:
-        sky = Environment(kept["environment"], "captured", float(kept["light_turn"]))
-    place = Place.ROOM if room is not None else Place.UNKNOWN if described["left_as_captured"] else Place.OPEN
-    return look._replace(place=place, room=room, environment=sky)
+        found["room"] = None if room is None else room.report
+    return found | {name: round(float(kept[name]), 3) for name in _CHECKED if name in kept}
 
 
 def _known(capture_env: "Environment | None", relighter: "Relighter") -> "Environment | None":
@@ -165,17 +175,12 @@ def _pointed(relighter: "Relighter") -> "Pointed | None":
     places = relighter.options.pointed_at
     if not places:
         return None
-    from ..options import lamp_name
-    from ..rooms.room import Pointed
-
     matrix = np.asarray(relighter.scene.scene_from_splat, np.float64)
     return Pointed(np.asarray(places) @ matrix[:3, :3].T + matrix[:3, 3], [lamp_name(each) for each in places])
 
 
 def _checked_estimate(kept: dict[str, Any], shape: tuple[int, ...]) -> dict[str, Any]:
     """The estimate in cached arrays. Raises KeyError or ValueError where something is missing or does not fit."""
-    from ..albedo import Prior
-
     names = ("separable", "reason", "under_sky", "closed", *_DESCRIBED)
     for name in (*names, *(f"prior_{name}" for name in Prior._fields)):
         kept[name]  # or a KeyError
@@ -240,8 +245,6 @@ def _of_objects(
 
     Entries that a layout has only once, such as those for the report, come from the object with the most vertices.
     """
-    from .relighter import Relighter
-
     scene, objects = relighter.scene, relighter.scene.source.get("objects")
     if not objects or len(objects) == 1:
         return _estimated(captured, capture_env, relighter, relighter.said)
@@ -265,21 +268,13 @@ def _estimated(
     relighter: "Relighter",
     said: "Said",
 ) -> dict[str, Any]:
-    from ..albedo import CaptureEvidence, estimate, with_known_light
-    from ..albedo.offered import offer_lights
-    from ..transfer.bounces import visible_fraction
-
     known = relighter.transport(CAPTURE_OF_PLACE if relighter.scene.is_place else CAPTURE, alone=True)
     with relighter.stages.stage("albedo"):
         scene, sky = relighter.scene, sky_of(relighter.scene)
         looks = looks_from(scene, relighter.occluder)
         part, hopeless = closed_part(scene, relighter.occluder, visible_fraction(known.transfer)), ""
         if part is not None:
-            from ..rooms.keeping import as_arrays
-            from ..rooms.room import room_of
-
-            asked_of = relighter.occluder, captured, known.transfer, known.interreflection
-            room, hopeless = room_of(scene, *asked_of, relighter.seed, _pointed(relighter), capture_env)
+            room, hopeless = room_of(scene, relighter.occluder, known, relighter.seed, _pointed(relighter), capture_env)
             if room is not None:
                 return as_arrays(room, room_notice(part, room.report))
             hopeless = room_notice(part, None, hopeless)

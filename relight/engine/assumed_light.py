@@ -32,12 +32,8 @@ AS_BUILT_IN = 1e-3
 def assumed_change(environment: Environment, scale: float = 1.0) -> NDArray[np.float32]:
     """Return the factors of each colour, (3,) float32, on light that came from outside.
 
-    Parameters
-    ----------
-    environment : Environment
-        The new light. Radiance 1 all around is the light of the capture.
-    scale : float
-        Factor on it, beyond the range that the change is kept in.
+    environment: the new light; radiance 1 all around is the light of the capture. scale: factor on it, beyond the range
+    that the change is kept in.
     """
     mean, bright = _mean(environment)
     if not bright > 0.0:

@@ -20,11 +20,12 @@ from ..options import LightingOptions
 from .appearance import Appearance
 from .assumed_light import assumed_change
 from .exposure import exposure_as_captured, level_of
+from .lamp_scale import lamp_scale
+from .placed import LampLight
 from .relighter import Relighter, Shaded, Shading
 
 if TYPE_CHECKING:
     from ..lamps.shapes import Lamp
-    from .placed import LampLight
     from .relit_room import RelitRoom
 
 Received: TypeAlias = Callable[[NDArray[np.float32], float], NDArray[np.floating]]
@@ -229,8 +230,6 @@ class LightMix:
     @cached_property
     def scale(self) -> LampScale:
         """The length of a metre and the brightness of the captured light, which the fields of lamps refer to."""
-        from .lamp_scale import lamp_scale
-
         return lamp_scale(self.relighter.scene, self.look, self.relighter.occluder, self.metre)
 
     @property
@@ -263,8 +262,6 @@ class LightMix:
         return self.lamp_light or self._lit_by([], 1.0)
 
     def _lit_by(self, asked_lamps: Sequence[AskedLamp], captured: float) -> "LampLight":
-        from .placed import LampLight
-
         return LampLight(self.relighter, self.look, self.in_scene(asked_lamps), self.options.accepted_error, captured)
 
     @property

@@ -13,11 +13,15 @@ from splat2mesh.base.errors import InputError
 from splat2mesh.base.progress import Stages
 from splat2mesh.scene.foreign import AnyScene, as_scene
 
+from ..albedo.said import Said
 from ..light.captured import CapturedLight
 from ..options import LightingOptions
+from ..planning import planner
+from ..rooms.hidden import kept_volumes
 from ..transfer.checks import checked_albedo
 from ..transfer.precomputed import Precomputed
 from ..transfer.settings import BOUNCE_RAYS, Settings
+from ..transfer.settled import settled
 from ..transfer.transport import Transport
 from .blinnphong import blinn_phong
 from .direct import DirectLight, Geometry
@@ -25,7 +29,6 @@ from .posed import PER_VERTEX, PosedGeometry, check_changes
 from .static import StaticGeometry
 
 if TYPE_CHECKING:
-    from ..albedo.said import Said
     from ..light.environment import Environment
     from ..planning.plan import Plan
     from ..planning.planner import Planner
@@ -114,8 +117,6 @@ class Relighter:
         self.stages = Stages() if stages is None else stages
         self.precomputed = precomputed or Precomputed(self.scene, self.options.seed, cache, self.stages, shown)
         if self.scene.capture.get("from") == "inside":
-            from ..rooms.hidden import kept_volumes
-
             self.precomputed.solid = partial(kept_volumes, self.scene, self.precomputed.cache)
         self._direct_light = self._lit(StaticGeometry(self.precomputed, self.stages))
         self._everything = self.options.unplanned
@@ -128,8 +129,6 @@ class Relighter:
         self._posed: Precomputed | None = None
         self._max_speed = max_speed
         if self.options.is_planned:
-            from ..planning import planner
-
             self._planner = planner.Planner(self.precomputed, self.options, self.stages)
 
     @property
@@ -192,8 +191,6 @@ class Relighter:
     @cached_property
     def said(self) -> "Said":
         """What the options say of the captured light. Raises InputError for what cannot be read."""
-        from ..albedo.said import Said
-
         given = self.options.captured_sun, self.options.captured_sky, self.options.captured_light
         return Said.read(*given, self.scene.path)
 
@@ -255,8 +252,6 @@ class Relighter:
         self, direct: NDArray[np.float32], tint: NDArray[np.float32] | None, settings: Settings
     ) -> tuple[NDArray[np.float32], list[float], "Interreflection"]:
         """(exit radiance (V, 3) float32, what each bounce gave, the Interreflection that carried them)."""
-        from ..transfer.settled import settled
-
         interreflection = self.interreflection(settings.bounce_rays)
         with self.stages.stage("bounces"):
             albedo = np.broadcast_to(np.float32(1.0), direct.shape) if tint is None else tint

@@ -6,7 +6,7 @@ the model gets wrong in one light it mostly gets wrong in the other.
 
 import warnings
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,8 @@ from splat2mesh.base.errors import DataWarning, InputError
 
 from ..albedo.division import DARKEST
 from ..light.environment import Environment
+from ..rooms.evenness import Evenness
+from ..rooms.opening import without_ceiling
 from ..rooms.room import Room
 from ..transfer.bounces import with_bounces
 from ..transfer.settings import Settings
@@ -22,9 +24,6 @@ from ..transfer.store import array_key
 from .appearance import CAPTURE_OF_PLACE, Appearance
 from .assumed_light import OUTSIDE, assumed_change
 from .relighter import Relighter, Shading
-
-if TYPE_CHECKING:
-    from ..rooms.evenness import Evenness
 
 SOFTNESS = 0.05
 """Share of the model's median light below which the mean change weighs more than the vertex's own."""
@@ -66,8 +65,6 @@ class RelitRoom:
     def lit(self) -> Relighter:
         if not self._opened:
             return self._relighter
-        from ..rooms.opening import without_ceiling
-
         scene = without_ceiling(self._relighter.scene, self._relighter.occluder)
         return Relighter(scene, self._relighter.options, stages=self._relighter.stages)
 
@@ -229,8 +226,6 @@ class RelitRoom:
 
     @cached_property
     def _evenness(self) -> "Evenness":
-        from ..rooms.evenness import Evenness
-
         return Evenness(self._relighter.occluder)
 
     def _model(self, settings: Settings) -> NDArray[np.float32]:

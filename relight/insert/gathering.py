@@ -14,12 +14,11 @@ from splat2mesh.base.threads import in_slices
 from splat2mesh.render.raycaster import Hits
 
 from ..lamps.tracing import lamplight
+from ..transfer.occluder import BATCH_RAYS
 from ..transfer.sampling import fibonacci_azimuths, hashed_offsets, shoot
 from ..transfer.sunlight import sunlight
 from .standing import Standing
 from .surroundings import LAMP_RAYS, Receiving, Surroundings, Together, weights_of
-
-BATCH_RAYS = 2**20
 
 OBJECT_RAYS = 256
 """Rays from each vertex of an object, in all directions."""

@@ -11,11 +11,13 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.errors import DataWarning
 from splat2mesh.scene.color import luminance
+from splat2mesh.splats.joining import joined
 
 from ..engine.appearance import CAPTURE, CAPTURE_OF_PLACE
 from ..transfer.occluder import Frame
 from .asked import AskedInsert
 from .gathering import change_at, light_on
+from .hidden import HiddenLight
 from .objects import InsertedObject, read_object
 from .placing import placed_by
 from .standing import Standing
@@ -26,7 +28,6 @@ if TYPE_CHECKING:
 
     from ..engine.appearance import Appearance
     from ..engine.relighter import Relighter
-    from .hidden import HiddenLight
 
 RAYS = 32
 """Rays from each vertex to each object, in the first pass over what it changes."""
@@ -226,8 +227,6 @@ class InsertedLight:
     @cached_property
     def hidden(self) -> "list[HiddenLight]":
         """What each object hides of the light that arrives at it."""
-        from .hidden import HiddenLight
-
         if self.exact is not None and self.around.lamps is None:
             return self.exact.hidden
         standing = self.standing
@@ -272,8 +271,6 @@ class InsertedLight:
 
     def splats_put_in(self, exposure: float) -> "Splats | None":
         """The splats among the objects together, as `splat_put_in` returns them; None without."""
-        from splat2mesh.splats.joining import joined
-
         each = [self.splat_put_in(number, exposure) for number in range(len(self.standing.objects))]
         found = [splats for splats in each if splats is not None]
         return joined(found) if found else None

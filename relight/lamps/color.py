@@ -14,6 +14,7 @@ from splat2mesh.base.arrays import Triple
 from splat2mesh.base.errors import InputError
 from splat2mesh.scene.color import linear_from_srgb
 
+from ..light.color_spaces import REC709, xyz_from_rgb
 from .shapes import checked_light
 
 WHITE: Triple = (1.0, 1.0, 1.0)
@@ -38,13 +39,7 @@ NAMES = {
 }
 """sRGB of the other names: those of CSS, but green is its lime, which is what a green lamp shows."""
 
-_RGB_FROM_XYZ = np.array(
-    [
-        [3.2409699419045226, -1.537383177570094, -0.4986107602930034],
-        [-0.9692436362808796, 1.8759675015077202, 0.04155505740717559],
-        [0.05563007969699366, -0.20397695888897652, 1.0569715142428786],
-    ]
-)
+_XYZ_FROM_RGB = np.asarray(xyz_from_rgb(REC709))
 
 
 def luminance(color_linear: Sequence[float]) -> float:
@@ -90,7 +85,8 @@ def blackbody(kelvin: float) -> Triple:
     u = (0.860117757 + 1.54118254e-4 * t + 1.28641212e-7 * t * t) / (1.0 + 8.42420235e-4 * t + 7.08145163e-7 * t * t)
     v = (0.317398726 + 4.22806245e-5 * t + 4.20481691e-8 * t * t) / (1.0 - 2.89741816e-5 * t + 1.61456053e-7 * t * t)
     x, y = 3.0 * u / (2.0 * u - 8.0 * v + 4.0), 2.0 * v / (2.0 * u - 8.0 * v + 4.0)
-    red, green, blue = np.maximum(_RGB_FROM_XYZ @ [x / y, 1.0, (1.0 - x - y) / y], 0.0).tolist()
+    xyz = np.array([x / y, 1.0, (1.0 - x - y) / y])
+    red, green, blue = np.maximum(np.linalg.solve(_XYZ_FROM_RGB, xyz), 0.0).tolist()
     return _of_luminance_1((red, green, blue))
 
 

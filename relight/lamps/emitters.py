@@ -76,19 +76,11 @@ class _Row(NamedTuple):
 
 
 def emitters_of(
-    lamps: Sequence[Lamp],
-    center: ArrayLike = (0.0, 0.0, 0.0),
-    diagonal: float = 1.0,
+    lamps: Sequence[Lamp],  # in the frame and the unit of length of the scene
+    center: ArrayLike = (0.0, 0.0, 0.0),  # of the unit frame, `transfer.occluder.Frame`
+    diagonal: float = 1.0,  # of the same
 ) -> Emitters:
-    """Return the Emitters of lamps.
-
-    Parameters
-    ----------
-    lamps : sequence of Lamp
-        In the frame and the unit of length of the scene.
-    center, diagonal : (3,) and float
-        Of the unit frame (`transfer.occluder.Frame`) in that of the scene.
-    """
+    """Return the Emitters of lamps."""
     rows: list[_Row] = []
     owner: list[int] = []
     tables: list[NDArray[np.float64]] = []

@@ -60,33 +60,19 @@ def read_profile(path: str | os.PathLike[str]) -> Profile:
 def _parsed(text: str) -> Profile:
     """Raises ValueError that says what is wrong."""
     lines = text.splitlines()
-    tilts = [number for number, line in enumerate(lines) if _TILT.match(line)]  # before it, any words until 1986
-    if not tilts:
-        raise ValueError("it has no line TILT=")
-    tilt = next((number for number in tilts if _untilted(lines[number])), tilts[0])
-    if not _untilted(lines[tilt]):
-        raise ValueError(f"expected TILT=NONE, found {lines[tilt].strip()[:40]}")
-    numbers = _numbers(" ".join(lines[tilt + 1 :]).replace(",", " ").split())
+    numbers = _numbers(_after_tilt(lines))
     if len(numbers) < _AFTER_TILT:
         raise ValueError(f"it ends after {len(numbers)} numbers")
-    multiplier, verticals, horizontals, kind = numbers[2:6].tolist()
-    ballast, second = numbers[10:12].tolist()
-    if kind not in _TYPES:
-        raise ValueError(f"its photometric type is {kind:g}")
-    if kind != 1:
-        raise ValueError(f"its photometry is of type {_TYPES[int(kind)]}, expected C")
-    if not (verticals.is_integer() and horizontals.is_integer() and verticals >= 2 and horizontals >= 1):
-        raise ValueError(f"it announces {verticals:g} vertical and {horizontals:g} horizontal angles")
-    count = _AFTER_TILT + verticals + horizontals + verticals * horizontals
-    if len(numbers) != count:
-        raise ValueError(f"it announces {count:.0f} numbers, found {len(numbers)}")
-    across = _AFTER_TILT + int(verticals)
-    around = across + int(horizontals)
-    candela = numbers[around:].reshape(int(horizontals), int(verticals)).T
+    verticals, horizontals = _counts(numbers)
+    across = _AFTER_TILT + verticals
+    around = across + horizontals
     vertical, horizontal = _angles(numbers[_AFTER_TILT:across], 180.0), _angles(numbers[across:around], 360.0)
+    multiplier, (ballast, second) = numbers[2], numbers[10:12]
     # The second factor belongs to the ballast until 1991; since then its place is for future use.
     since_1995 = lines[0].strip().upper().startswith(("IESNA:LM-63", "IES:LM-63"))
-    candela = candela * multiplier * ballast * (1.0 if since_1995 else second)
+    candela = (
+        numbers[around:].reshape(horizontals, verticals).T * multiplier * ballast * (1.0 if since_1995 else second)
+    )
     if candela.min() < 0.0 or not candela.max() <= MOST_LIGHT:
         raise ValueError(f"its candela go from {candela.min():g} to {candela.max():g}")
     if candela.max() == 0.0:
@@ -97,6 +83,32 @@ def _parsed(text: str) -> Profile:
         vertical = np.concatenate([dark, vertical])
         candela = np.concatenate([np.zeros((len(dark), len(horizontal))), candela])
     return Profile(vertical, horizontal, candela / candela.max(), float(candela.max()))
+
+
+def _after_tilt(lines: list[str]) -> list[str]:
+    """The words after TILT=NONE; before it, any words until 1986."""
+    tilts = [number for number, line in enumerate(lines) if _TILT.match(line)]
+    if not tilts:
+        raise ValueError("it has no line TILT=")
+    tilt = next((number for number in tilts if _untilted(lines[number])), tilts[0])
+    if not _untilted(lines[tilt]):
+        raise ValueError(f"expected TILT=NONE, found {lines[tilt].strip()[:40]}")
+    return " ".join(lines[tilt + 1 :]).replace(",", " ").split()
+
+
+def _counts(numbers: NDArray[np.float64]) -> tuple[int, int]:
+    """How many vertical and horizontal angles follow, for a table of which every number is there."""
+    verticals, horizontals, kind = numbers[3:6].tolist()
+    if kind not in _TYPES:
+        raise ValueError(f"its photometric type is {kind:g}")
+    if kind != 1:
+        raise ValueError(f"its photometry is of type {_TYPES[int(kind)]}, expected C")
+    if not (verticals.is_integer() and horizontals.is_integer() and verticals >= 2 and horizontals >= 1):
+        raise ValueError(f"it announces {verticals:g} vertical and {horizontals:g} horizontal angles")
+    count = _AFTER_TILT + verticals + horizontals + verticals * horizontals
+    if len(numbers) != count:
+        raise ValueError(f"it announces {count:.0f} numbers, found {len(numbers)}")
+    return int(verticals), int(horizontals)
 
 
 def _untilted(line: str) -> bool:

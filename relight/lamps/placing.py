@@ -8,21 +8,12 @@ from splat2mesh.base.errors import InputError
 
 from .asked import AskedLamp, Brightness
 from .shapes import Lamp, MeshLamp
+from .spec import parse_lamps
 
 
 def asked_lamps(placed: Iterable[Any]) -> list[AskedLamp]:
-    """Return the requested lamps, in order.
-
-    Parameters
-    ----------
-    placed : iterable of Lamp, AskedLamp, str or path
-        A shape has its light in units of the picture. A text is as of `spec.parse_lamps`, or the name of a file.
-
-    Raises
-    ------
-    InputError
-        For anything else, and for files and texts that make no sense.
-    """
+    """Return the requested lamps, in order: a shape, whose light is in units of the picture, an AskedLamp, a text as of
+    `spec.parse_lamps`, or the name of a file. Raises InputError for anything else, and for what makes no sense."""
     found: list[AskedLamp] = []
     for each in placed:
         if isinstance(each, AskedLamp):
@@ -30,8 +21,6 @@ def asked_lamps(placed: Iterable[Any]) -> list[AskedLamp]:
         elif isinstance(each, get_args(Lamp)):
             found.append(AskedLamp(each, Brightness(1.0, "picture")))
         elif isinstance(each, (str, os.PathLike)):
-            from .spec import parse_lamps
-
             found += parse_lamps(os.fspath(each))
         else:
             raise InputError(f"`placed` {each!r}: expected a lamp, a text or a file of lamps")

@@ -30,21 +30,8 @@ def write_lamps(
 ) -> None:
     """Write lamps as JSON; `files.read_json_lamps` gives the same ones.
 
-    Parameters
-    ----------
-    path : path
-        Ends in .json.
-    lamps : sequence of AskedLamp
-        At least one.
-    scale : LampScale, optional
-        Of the scene: required by lamps whose units the file cannot express.
-    about : str
-        A line for people.
-
-    Raises
-    ------
-    InputError
-        Without lamps, and for a file that cannot be written.
+    scale: of the scene, for lamps whose units the file cannot express. about: a line for people.
+    Raises InputError without lamps, and for a file that cannot be written.
     """
     if not lamps:
         raise InputError(f"{path}: there are no lamps to save")

@@ -52,36 +52,16 @@ class LitVertices(NamedTuple):
 
 def lamplight(
     occluder: Occluder,
-    emitters: Emitters,
-    rays: int = 16,
+    emitters: Emitters,  # in its unit frame
+    rays: int = 16,  # per vertex and emitter in half-shadows; elsewhere a few
     *,
     at: LitVertices = LitVertices(),  # noqa: B008
-    least: float = 0.0,
-    seed: int = 0,
-    advance: Callable[[int], None] = lambda count: None,
-    every: bool = False,
+    least: float = 0.0,  # luminance below which the light of one emitter at one vertex is left out
+    seed: int = 0,  # of the rays and of the choice among many emitters
+    advance: Callable[[int], None] = lambda count: None,  # called with the number of vertices done
+    every: bool = False,  # whether each vertex takes all emitters, however many: what a choice is judged by
 ) -> NDArray[np.float32]:
-    """Return the exit radiance of white vertices in the light of emitters alone, (V, 3) float32.
-
-    Parameters
-    ----------
-    occluder : Occluder
-        What hides light; its own vertices receive it.
-    emitters : Emitters
-        In the occluder's unit frame.
-    rays : int
-        Per vertex and emitter in half-shadows; elsewhere a few.
-    at : LitVertices, optional
-        The vertices; all without.
-    least : float
-        Luminance below which the light of one emitter at one vertex is left out.
-    seed : int
-        Of the rays and of the choice among many emitters.
-    advance : callable
-        Called with the number of vertices done.
-    every : bool
-        Whether each vertex takes all emitters, however many they are: what a choice among them is judged by.
-    """
+    """Return the exit radiance of white vertices in the light of emitters alone, (V, 3) float32."""
     return lamplight_at(occluder, ordered(occluder, *at, seed), emitters, rays, least, advance, every)
 
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from splat2mesh.base.kernels import kernel
 
 from ..transfer.occluder import MAX_OFFSET
+from ..transfer.sampling import GOLDEN_TURN
 from .emitters import BALL, TRIANGLE, Emitters
 
 INSIDE = np.float32(1.0)
@@ -26,8 +27,6 @@ TUBE_NODES = 8
 STAND_OFF = MAX_OFFSET
 """Part of the scene's diagonal by which shadow rays end before a panel or tube, as they begin off the surface: what a
 lamp is mounted on does not hide it."""
-
-_GOLDEN = 0.6180339887498949
 
 
 @kernel
@@ -265,7 +264,7 @@ def aimed(
     shift, turn in [0, 1): of the vertex.
     """
     u = ((sample + shift) / samples) % 1.0
-    v = (sample * _GOLDEN + turn) % 1.0
+    v = (sample * GOLDEN_TURN + turn) % 1.0
     kind = emitters.kind[e]
     x, y, z = emitters.place[e, 0] - px, emitters.place[e, 1] - py, emitters.place[e, 2] - pz
     if kind == BALL:

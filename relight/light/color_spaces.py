@@ -44,7 +44,7 @@ class ColorSpace(NamedTuple):
 
 def from_rec709(chromaticities: Sequence[float]) -> NDArray[np.float64] | None:
     """(3, 3) from linear sRGB to a space, white to white by Bradford's adaptation; None where there is none."""
-    own, shared = _xyz_from_rgb(chromaticities), _xyz_from_rgb(REC709)
+    own, shared = xyz_from_rgb(chromaticities), xyz_from_rgb(REC709)
     if own is None or shared is None:
         return None
     if np.abs(np.subtract(chromaticities, REC709)).max() < SAME:
@@ -56,7 +56,7 @@ def from_rec709(chromaticities: Sequence[float]) -> NDArray[np.float64] | None:
     return np.asarray(np.linalg.solve(own, adapted @ shared), np.float64)
 
 
-def _xyz_from_rgb(chromaticities: Sequence[float]) -> NDArray[np.float64] | None:
+def xyz_from_rgb(chromaticities: Sequence[float]) -> NDArray[np.float64] | None:
     """(3, 3) of primaries whose sum is their white of luminance 1, or None."""
     xy = np.array(chromaticities, np.float64)
     if xy.shape != (8,) or not (np.abs(xy) <= FARTHEST).all() or xy[7] <= 0.0:

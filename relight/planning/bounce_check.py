@@ -80,12 +80,7 @@ def more_rays(rays: int, found: BounceErrors, others: float, tolerance: float) -
     rest = found.whole**2 - noise
     if rest + noise <= most:
         return None
-    for more in (each for each in costs.BOUNCE_NOISE if each > rays):
-        if rest + noise * (_noise(more) / _noise(rays)) ** 2 <= most:
+    for more in (each for each in costs.BOUNCE_RAYS if each > rays):
+        if rest + noise * (costs.bounce_noise(more) / costs.bounce_noise(rays)) ** 2 <= most:
             return more
     return None
-
-
-def _noise(rays: int) -> float:
-    """The law's noise of so many rays; those of a matrix that is kept may be more than plans take."""
-    return costs.BOUNCE_NOISE[max(each for each in costs.BOUNCE_NOISE if each <= rays)]

@@ -10,12 +10,10 @@ from numpy.typing import NDArray
 from ..transfer.bounces import Interreflection
 from ..transfer.first_bounce import first_bounce
 from ..transfer.occluder import Occluder
-
-SAMPLE = 1024
+from .lamp_plan import LEAST_LIGHT, SAMPLE
 
 CHOICES = 64, 128, 256, 512
 
-LEAST_LIGHT = 1e-9
 
 BRIGHT = 90.0
 """Percentile of all light above which a vertex counts as if it had that much: the pool of a spot is overexposed where

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator
+from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -201,7 +202,11 @@ class Choice:
         return shadowed, float(np.linalg.norm(self.measured.shadows[~shadowed]))
 
     def _all(self) -> Iterator[Candidate]:
-        yield from (self._rated(settings) for settings in self._analytic())
+        yield from map(self._rated, self._analytic())
+        yield from map(self._rated, self._raytraced())
+
+    def _raytraced(self) -> Iterator[Settings]:
+        """Settings with rays, where shadows or leaves may be wanted."""
         if self._method == "analytic" or (self._effects is not None and SHADOWS not in self._effects):
             return
         leafy = 0 if self._leaves is None else self._leaves.directions
@@ -209,14 +214,10 @@ class Choice:
             return
         shadowed = None if self._shadowed.all() else tuple(map(bool, self._shadowed))
         all_bands = BANDS if self._bands is None else (self._bands,)
-        for bands in all_bands:
-            for suns_tolerance in self._sun_choices():
-                for bounce_rays in self._bounce_choices():
-                    for rays in RAYS if self._rays is None else (self._rays,):
-                        stop = max(LEAST_STOP, STOP_PART * min(self._tolerances)) if bounce_rays else 0.0
-                        yield self._rated(
-                            Settings("raytraced", bands, rays, shadowed, suns_tolerance, bounce_rays, stop, leafy)
-                        )
+        all_rays = RAYS if self._rays is None else (self._rays,)
+        for bands, suns, bounce_rays, rays in product(all_bands, self._sun_choices(), self._bounce_choices(), all_rays):
+            stop = max(LEAST_STOP, STOP_PART * min(self._tolerances)) if bounce_rays else 0.0
+            yield Settings("raytraced", bands, rays, shadowed, suns, bounce_rays, stop, leafy)
 
     def _analytic(self) -> Iterator[Settings]:
         """Settings without rays, where none are requested."""
@@ -240,9 +241,9 @@ class Choice:
         if self.measured.bounced is None:
             return [0]
         if self._effects is not None:
-            return list(costs.BOUNCE_NOISE)
+            return list(costs.BOUNCE_RAYS)
         small = self.measured.bounces[0] <= SKIPPED * min(self._tolerances)
-        return [0] if small and self._budget_s is None else [0, *costs.BOUNCE_NOISE]
+        return [0] if small and self._budget_s is None else [0, *costs.BOUNCE_RAYS]
 
     def _rated(self, settings: Settings) -> Candidate:
         """The candidate: what the settings cost and how far off they are."""

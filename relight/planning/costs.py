@@ -29,11 +29,14 @@ FOLLOWED = 4  # bounces
 SUNS_AT = 30, 0.01
 """Suns to expect before they are found: so many for this tolerance, as its inverse square root."""
 
-BOUNCE_NOISE = {8: 0.068, 16: 0.042, 32: 0.0246, 64: 0.0174, 128: 0.0125, 256: 0.0081, 512: 0.0054}
-"""Error of bounced light by rays per vertex, over all light and the root of the share that bounced: the fewer rays
-meet anything, the noisier. Upper end of three scenes with shares of .06 to .15, without the average over rings (a
-corner with .33 has two thirds), times what that leaves of it on a patio and in a parlour; on objects it leaves less.
-`bounce_check` finds what it is."""
+BOUNCE_RAYS = tuple(2**power for power in range(3, 10))
+"""Rays per vertex that gather bounced light, to choose from."""
+
+BOUNCE_NOISE, BOUNCE_POWER = 0.242, -0.61
+"""Error of bounced light by rays per vertex, a law, over all light and the root of the share that bounced: the fewer
+rays meet anything, the noisier. .068 of 8 to .0054 of 512: upper end of three scenes with shares of .06 to .15, without
+the average over rings (a corner with .33 has two thirds), times what that leaves of it on a patio and in a parlour; on
+objects it leaves less. `bounce_check` finds what it is."""
 
 PREDICTED = 1.06
 """Noise where neighbours predict some of the rays over that where all are traced, after averaging: 1.00 to 1.09 in
@@ -47,7 +50,12 @@ def expected_suns(tolerance: float) -> float:
 
 def bounce_error(rays: int, share: float) -> float:
     """Error, over all light, of bouncing a share of it by so many rays per vertex; without rays it is missing."""
-    return min(share, BOUNCE_NOISE[rays] * share**0.5) if rays else share
+    return min(share, bounce_noise(rays) * share**0.5) if rays else share
+
+
+def bounce_noise(rays: int) -> float:
+    """The law for so many rays."""
+    return float(BOUNCE_NOISE * rays**BOUNCE_POWER)
 
 
 def seconds(

@@ -1,5 +1,6 @@
 """From a sample of the scene to a plan: the cheapest settings within an error, or the best within a time."""
 
+import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -26,8 +27,9 @@ UNSHADOWED = ("analytic", "neural-gash", "blinn-phong")
 """Methods that trace nothing, and march through nothing."""
 
 SAMPLE_VERTICES = 384
-SAMPLE_DIRECTIONS = {0.03: 1024, 0.014: 2048, 0.007: 4096, 0.0: 8192}
-"""Directions of the sample from each tolerance up: their own noise stays below a third of it."""
+SAMPLE_DIRECTIONS, FEWEST, MOST = 28.6, 1024, 8192
+"""Directions of the sample times the tolerance, rounded up to a power of two: their own noise stays below a third of
+it; and the range that they keep to."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +62,7 @@ def planned(
     budget_s, effects = options.budget_s, options.fixed_effects
     tolerance = DEFAULT_TOLERANCE if options.tolerance is None else options.tolerance
     wish = tolerance if budget_s is None else min(ALL_TOLERANCES)
-    directions = next(count for least, count in SAMPLE_DIRECTIONS.items() if wish >= least)
+    directions = 2 ** math.ceil(math.log2(min(max(SAMPLE_DIRECTIONS / wish, FEWEST), MOST)))
     sample = Sample(scene.occluder, scene.sizes, SAMPLE_VERTICES, directions, scene.traced, scene.cache)
     albedo, foliage = scene.albedo, scene.foliage
     if albedo is None and effects is not None and BOUNCES in effects:
@@ -105,6 +107,6 @@ def leaves_for(
     """
     if not (error > SKIPPED * wish if effects is None else VOLUME in effects):
         return Leaves(0, error, 0.0, vertices, error)
-    good = [count for count, noise in volume.NOISE.items() if noise * leafy <= VOLUME_PART * wish]
-    count = min(good, default=max(volume.NOISE))
-    return Leaves(count, error, count * direction_s, vertices, volume.NOISE[count] * leafy)
+    good = [count for count in volume.DIRECTIONS if volume.noise(count) * leafy <= VOLUME_PART * wish]
+    count = min(good, default=max(volume.DIRECTIONS))
+    return Leaves(count, error, count * direction_s, vertices, volume.noise(count) * leafy)

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Directions, Floats, Radiance
+from splat2mesh.scene.color import luminance
 
 from ..sh import harmonics
 from .sample import Sample
@@ -30,8 +31,6 @@ class Bounced:
         coefficients: Floats,  # (K, TURNS, 3) of the light, at least SMOOTH_BANDS bands
         seed: int = 0,
     ) -> None:
-        from splat2mesh.scene.color import luminance
-
         count, turns = len(sample.rows), coefficients.shape[1]
         coefficients = coefficients[: SMOOTH_BANDS**2].reshape(SMOOTH_BANDS**2, -1)
         random = np.random.default_rng(seed)

@@ -15,7 +15,8 @@ from splat2mesh.base.threads import cores
 
 from ..sh.sphere import fibonacci_sphere
 from ..transfer import consensus, sampling
-from ..transfer.occluder import Occluder
+from ..transfer.neighbors import ranked_nodes
+from ..transfer.occluder import BATCH_RAYS, Occluder
 from ..transfer.store import Cache, array_key
 from ..transfer.volume import Foliage
 
@@ -24,8 +25,6 @@ SCAN_VERTICES, SCAN_RAYS = 4096, 16
 vertices, 3% of error if it is deep, escapes 4096 of them once in sixty times."""
 
 LEAST_PER_CHUNK = 16
-
-BATCH_RAYS = 2**16
 
 TIMED_BATCHES, STRETCHES, STRETCH_VERTICES, TIMED_RAYS = 5, 16, 256, 16
 """How the time of a ray is measured: batches of vertices that lie side by side, as in the work, where rays find in the
@@ -240,6 +239,4 @@ def _stratified(
 
 def _along_curve(origins: Points) -> Indices:
     """Order of positions along a Z-order curve."""
-    from ..transfer.neighbors import ranked_nodes
-
     return ranked_nodes(np.ascontiguousarray(origins), np.zeros_like(origins))[0]

@@ -18,13 +18,6 @@ class Evenness:
     """Averages values of the vertices of an Occluder over rings of neighbours that face the same way."""
 
     def __init__(self, occluder: Occluder) -> None:
-        """Find the neighbours of each vertex that face the same way.
-
-        Parameters
-        ----------
-        occluder : Occluder
-            The scene whose vertices the values belong to.
-        """
         neighbors = Neighbors(occluder.origins, occluder.normals, occluder.faces)
         count = len(neighbors.vertices)
         rows = scipy.sparse.csr_array(
@@ -35,40 +28,16 @@ class Evenness:
         self._vertices, self._node = neighbors.vertices, neighbors.node
 
     def average(self, values: NDArray[np.floating], rounds: int) -> NDArray[np.float32]:
-        """Average values over rings of neighbours.
+        """The values (V,) or (V, C) averaged so many times, each of which reaches one ring further; float32.
 
-        Parameters
-        ----------
-        values : ndarray, (V,) or (V, C)
-            Values of the vertices.
-        rounds : int
-            How often; each reaches one ring further.
-
-        Returns
-        -------
-        ndarray of float32, as the values
-            Vertices that agree in position and normal have the same.
-        """
+        Vertices that agree in position and normal have the same."""
         nodes = np.asarray(values, np.float64)[self._vertices]
         for _ in range(rounds):
             nodes = self._blend @ nodes
         return nodes[self._node].astype(np.float32)
 
     def average_directions(self, normals: NDArray[np.float32], rounds: int) -> NDArray[np.float32]:
-        """Average unit normals over rings of neighbours.
-
-        Parameters
-        ----------
-        normals : ndarray of float32, (V, 3)
-            Unit vectors, scene frame.
-        rounds : int
-            How often.
-
-        Returns
-        -------
-        ndarray of float32, (V, 3)
-            Unit vectors; where the neighbours cancel out, the given ones.
-        """
+        """The same of unit normals (V, 3), unit again; where neighbours cancel out, the given ones."""
         mean = self.average(normals, rounds)
         length = np.linalg.norm(mean, axis=1, keepdims=True)
         return np.where(length > LEAST_LENGTH, mean / np.maximum(length, LEAST_LENGTH), normals).astype(np.float32)

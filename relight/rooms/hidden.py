@@ -20,7 +20,7 @@ from ..albedo import samples
 from ..albedo.interior import LOOKS, MOST_CLOSED, within
 from ..albedo.skylight import GROUND, SkyParts
 from ..sh.sphere import fibonacci_sphere
-from ..transfer.occluder import Frame, Occluder
+from ..transfer.occluder import BATCH_RAYS, Frame, Occluder
 from ..transfer.store import Cache
 from .seen import seen_from
 
@@ -44,28 +44,13 @@ LEAST_SHOWN, LEAST_LINES = 0.15, 8
 windows of a trained parlour have .72, the hole beside its lamp .07; windows of generated lounges and of a trained one
 .41 to .52, that of a box .44 and a hole of its ceiling .01."""
 
-BATCH = 1 << 16
-"""Vertices whose rays are traced at once."""
-
 OUTDOORS = 0.35
 """Part of the sky above which a surface stands outside, seen through a window: sills have up to a half of it."""
 
 
 def hidden_volumes(scene: Scene, occluder: Occluder) -> NDArray[np.float32]:
-    """Triangles around the volumes that no camera saw.
-
-    Parameters
-    ----------
-    scene : Scene
-        Any; only closed rooms that were captured from inside have such volumes.
-    occluder : Occluder
-        The same scene to trace rays in.
-
-    Returns
-    -------
-    ndarray of float32, (B, 3, 3)
-        Corners, unit frame of the occluder. Without triangles for other scenes.
-    """
+    """Triangles around the volumes of a closed room that no camera saw: (B, 3, 3) float32 corners, unit frame; none for
+    other scenes."""
     none = np.zeros((0, 3, 3), np.float32)
     eyes = within(scene)
     if not len(eyes):
@@ -99,21 +84,7 @@ def hidden_volumes(scene: Scene, occluder: Occluder) -> NDArray[np.float32]:
 
 
 def kept_volumes(scene: Scene, cache: Cache, occluder: Occluder) -> NDArray[np.float32]:
-    """Those of `hidden_volumes`, kept between runs.
-
-    Parameters
-    ----------
-    scene : Scene
-    cache : Cache
-        Of the scene.
-    occluder : Occluder
-        The same scene to trace rays in.
-
-    Returns
-    -------
-    ndarray of float32, (B, 3, 3)
-        Corners, unit frame of the occluder.
-    """
+    """Those of `hidden_volumes`, kept between runs in the Cache of the scene."""
 
     def checked(kept: dict[str, NDArray[Any]]) -> NDArray[np.float32]:
         found = kept["triangles"]
@@ -144,15 +115,16 @@ def _sky_part(occluder: Occluder, eyes: NDArray[np.float32]) -> float:
 def _sky_seen(occluder: Occluder, rows: Integers, count: int) -> NDArray[np.float64]:
     """Part of the sky that vertices (R,) see, of so many directions, weighted as matt surfaces weigh it."""
     directions, free = fibonacci_sphere(LOOKS), np.zeros(len(rows))
-    for start in range(0, len(rows), BATCH):
-        part = rows[start : start + BATCH]
+    size = BATCH_RAYS // count
+    for start in range(0, len(rows), size):
+        part = rows[start : start + size]
         # A unit vector around the normal: the cosine lobe. Each place takes others of the directions.
         turn = (7 * (start + np.arange(len(part)))[:, None] + np.arange(count) * (LOOKS // count)) % LOOKS
         toward = occluder.normals[part, None] + directions[turn]
         toward /= np.maximum(np.linalg.norm(toward, axis=2, keepdims=True), 1e-6)
         origins = np.broadcast_to(occluder.origins[part, None], toward.shape)
         rays = np.concatenate([origins, toward], axis=2).astype(np.float32)
-        free[start : start + BATCH] = 1.0 - occluder.occluded(rays).mean(axis=1)
+        free[start : start + size] = 1.0 - occluder.occluded(rays).mean(axis=1)
     return free
 
 

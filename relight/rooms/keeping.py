@@ -18,19 +18,9 @@ ARRAYS = "by_lamps", "glow", "lamp_light", "lamp_of"
 
 
 def as_arrays(room: Room, reason: str) -> dict[str, NDArray[Any]]:
-    """Return a Room as arrays to keep.
+    """A Room as arrays; those that estimates of open scenes have too keep their names.
 
-    Parameters
-    ----------
-    room : Room
-        What was found.
-    reason : str
-        Why its light is not known, for the report and the warning.
-
-    Returns
-    -------
-    dict of str to ndarray
-        Arrays that estimates of open scenes have too keep their names.
+    reason: why its light is not known, for the report and the warning.
     """
     coefficients = room.environment.sh(2)
     mean = coefficients[0] / math.sqrt(4.0 * math.pi)
@@ -63,18 +53,7 @@ def as_arrays(room: Room, reason: str) -> dict[str, NDArray[Any]]:
 
 
 def room_from(kept: Mapping[str, NDArray[Any]]) -> Room | None:
-    """Return the Room that `as_arrays` described.
-
-    Parameters
-    ----------
-    kept : mapping of str to ndarray
-        Arrays of a room or of an open scene.
-
-    Returns
-    -------
-    Room or None
-        None where the arrays describe no room.
-    """
+    """The Room that `as_arrays` described; None for arrays that describe no room."""
     if "room_told" not in kept:
         return None
     report = json.loads(str(kept["room_told"]))

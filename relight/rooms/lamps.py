@@ -71,55 +71,45 @@ class Lamp(NamedTuple):
     color: NDArray[np.float64]
 
 
+class Pieces:
+    """Connected parts of the surface of V vertices, across edges that are smooth; vertices that agree in place and
+    normal count as one."""
+
+    def __init__(self, occluder: Occluder) -> None:
+        order, new_node, _ = ranked_nodes(occluder.origins, occluder.normals)
+        self._node = np.zeros(len(order), np.int64)
+        self._node[order] = np.cumsum(new_node) - 1
+        self.count = int(self._node.max()) + 1
+        edges = np.concatenate([occluder.faces[:, pair] for pair in ([0, 1], [1, 2], [2, 0])])
+        smooth = np.einsum("ij,ij->i", *(occluder.normals[end] for end in edges.T)) > SMOOTH
+        self._edges = self._node[edges[smooth]]
+
+    def of(self, chosen: Mask) -> Integers:
+        """Number of the connected piece of each vertex, (V,), below `count`; -1 for those that are not chosen."""
+        taken = np.bincount(self._node, chosen, self.count) > 0
+        joined = self._edges[taken[self._edges].all(axis=1)]
+        _, label = scipy.sparse.csgraph.connected_components(
+            scipy.sparse.coo_array((np.ones(len(joined)), joined.T), (self.count, self.count)), directed=False
+        )
+        return np.where(taken[self._node], label[self._node], -1)
+
+
 def find(
     occluder: Occluder,
-    captured: NDArray[np.float32],
-    areas: NDArray[np.float64],
-    visible: NDArray[np.floating],
-    bounce: NDArray[np.float32],
+    captured: NDArray[np.float32],  # (V, 3) linear, clipped at 1
+    areas: NDArray[np.float64],  # (V,) around each vertex, in squared diagonals
+    visible: NDArray[np.floating],  # (V,) visible fraction of the sky
+    bounce: NDArray[np.float32],  # (V, 3) radiance of white under the captured colours around it
 ) -> list[Lamp]:
-    """Find the lamps of a room by their captured colours.
-
-    Parameters
-    ----------
-    occluder : Occluder
-        The scene to trace rays in, V vertices.
-    captured : ndarray of float32, (V, 3)
-        Linear, clipped at 1.
-    areas : ndarray of float64, (V,)
-        Around each vertex, in squared diagonals.
-    visible : ndarray, (V,)
-        Visible fraction of the sky, in [0, 1].
-    bounce : ndarray of float32, (V, 3)
-        Exit radiance of a white vertex under the captured colours around it.
-
-    Returns
-    -------
-    list of Lamp
-        The largest first. They depend neither on the order of vertices nor on the division into chunks.
-    """
-    order, new_node, _ = ranked_nodes(occluder.origins, occluder.normals)
-    node = np.zeros(len(captured), np.int64)
-    node[order] = np.cumsum(new_node) - 1
-    peak, nodes = captured.max(axis=1), int(node.max()) + 1
+    """Find the lamps of a room by their captured colours, the largest first. They depend neither on the order of
+    vertices nor on the division into chunks."""
+    peak, pieces = captured.max(axis=1), Pieces(occluder)
     pale = (peak > PALE) & (peak > GLOWS * bounce.max(axis=1))
     clipped = pale & (captured.min(axis=1) > LEAST_PALE)
-    edges = np.concatenate([occluder.faces[:, pair] for pair in ([0, 1], [1, 2], [2, 0])])
-    smooth = np.einsum("ij,ij->i", *(occluder.normals[end] for end in edges.T)) > SMOOTH
-
-    def pieces(chosen: Mask) -> Integers:
-        """Number of each vertex's connected piece, (V,), -1 for none."""
-        white = np.bincount(node, chosen, nodes) > 0
-        joined = node[edges[smooth & white[node[edges]].all(axis=1)]]
-        _, label = scipy.sparse.csgraph.connected_components(
-            scipy.sparse.coo_array((np.ones(len(joined)), joined.T), (nodes, nodes)), directed=False
-        )
-        return np.where(white[node], label[node], -1)
-
-    of_vertex, glow = pieces(clipped), pieces(pale)
-    kept, size = of_vertex >= 0, np.zeros(nodes)
-    size += np.bincount(of_vertex[kept], areas[kept], nodes)
-    core = np.bincount(of_vertex[kept], peak[kept] > WHITE, nodes) > 0
+    of_vertex, glow = pieces.of(clipped), pieces.of(pale)
+    kept = of_vertex >= 0
+    size = np.bincount(of_vertex[kept], areas[kept], pieces.count)
+    core = np.bincount(of_vertex[kept], peak[kept] > WHITE, pieces.count) > 0
     found = []
     for chosen in np.flatnonzero((size > LEAST_AREA) & core):
         rows = np.flatnonzero(of_vertex == chosen)
@@ -137,34 +127,18 @@ def find(
 
 
 def light_of(
-    lamp: Lamp, occluder: Occluder, areas: NDArray[np.float64], normals: NDArray[np.float32], spots: int = SPOTS
+    lamp: Lamp,
+    occluder: Occluder,
+    areas: NDArray[np.float64],  # (V,) around each vertex, in squared diagonals
+    normals: NDArray[np.float32],  # (V, 3) of the vertices that are lit
 ) -> NDArray[np.float32]:
-    """Return the light that white vertices send on of a lamp whose radiance is 1 all over.
-
-    Parameters
-    ----------
-    lamp : Lamp
-        One of the lamps that `find` returns.
-    occluder : Occluder
-        The scene to trace rays in, V vertices.
-    areas : ndarray of float64, (V,)
-        Around each vertex, in squared diagonals.
-    normals : ndarray of float32, (V, 3)
-        Unit vectors of the vertices that are lit.
-    spots : int
-        Points on the lamp that rays go to.
-
-    Returns
-    -------
-    ndarray of float32, (V,)
-        Exit radiance: the sum over the spots of cosine times cosine over pi times the squared distance, where the way
-        is free.
-    """
+    """Radiance (V,) of white vertices under a lamp whose own is 1 all over: the sum over spots on it of cosine times
+    cosine over pi times the squared distance, where the way is free."""
     order, _, _ = ranked_nodes(occluder.origins[lamp.rows], occluder.normals[lamp.rows])
     rows = lamp.rows[order]
     reached = np.cumsum(areas[rows])
-    at = np.searchsorted(reached, (np.arange(spots) + 0.5) / spots * reached[-1])
-    share, light = lamp.area / spots, np.zeros(len(occluder.origins))
+    at = np.searchsorted(reached, (np.arange(SPOTS) + 0.5) / SPOTS * reached[-1])
+    share, light = lamp.area / SPOTS, np.zeros(len(occluder.origins))
     for row in rows[np.minimum(at, len(rows) - 1)]:
         outward = occluder.normals[row].astype(np.float64)
         spot = occluder.origins[row] + LIFT * outward

@@ -17,28 +17,9 @@ rooms are uneven by a tenth of their height."""
 
 
 def without_ceiling(scene: Scene, occluder: Occluder) -> Scene:
-    """Remove the ceiling of a room, so an environment enters from above.
+    """The Scene of a room without the faces of its ceiling, for light alone: an environment enters from above.
 
-    Parameters
-    ----------
-    scene : Scene
-        Captured from within.
-    occluder : Occluder
-        The same scene to trace rays in.
-
-    Returns
-    -------
-    Scene
-        All the vertices, without the faces of the ceiling: for light alone.
-
-    Raises
-    ------
-    InputError
-        If the capture was not inside a closed space, if nothing is above it, or if nothing would remain.
-
-    Notes
-    -----
-    Rays go up from where the capture stood; the ceiling lies where half of them end.
+    Raises InputError if the capture was not inside a closed space, if nothing is above it, or if nothing would remain.
     """
     eyes, frame = within(scene), Frame.around(scene.vertices, scene.faces)
     if not len(eyes):

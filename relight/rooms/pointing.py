@@ -3,15 +3,13 @@
 from collections.abc import Sequence
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Mask
 from splat2mesh.base.errors import InputError
 
-from ..transfer.neighbors import ranked_nodes
 from ..transfer.occluder import Occluder
-from .lamps import GLOWS, SMOOTH, Lamp
+from .lamps import GLOWS, Lamp, Pieces
 
 FAR = 0.05
 """Largest distance from a surface, in diagonals, at which a position points at it."""
@@ -32,43 +30,16 @@ AS_BRIGHT, AS_GLOW = 0.75, 0.5
 
 def lamps_at(
     occluder: Occluder,
-    captured: NDArray[np.float32],
+    captured: NDArray[np.float32],  # (V, 3), areas (V,), bounce (V, 3): as of `lamps.find`
     areas: NDArray[np.float64],
     bounce: NDArray[np.float32],
-    places: NDArray[np.floating],
-    names: Sequence[str],
-    found: Sequence[Lamp],
+    places: NDArray[np.floating],  # (P, 3), unit frame
+    names: Sequence[str],  # of each place in messages
+    found: Sequence[Lamp],  # the known lamps; a place on one of them means it
 ) -> tuple[list[Lamp], list[int]]:
-    """Find the lamps that places point at.
+    """Further lamps that places point at, in their order, and which lamp each means, of `found` and these in a row.
 
-    Parameters
-    ----------
-    occluder : Occluder
-        The scene, V vertices.
-    captured : ndarray of float32, (V, 3)
-        Linear, clipped at 1.
-    areas : ndarray of float64, (V,)
-        Around each vertex, in squared diagonals.
-    bounce : ndarray of float32, (V, 3)
-        What white would send on of the captured colours around it.
-    places : ndarray, (P, 3)
-        Unit frame of the occluder.
-    names : sequence of str
-        Name of each position in messages.
-    found : sequence of Lamp
-        The known lamps; a place on one of them means it.
-
-    Returns
-    -------
-    more : list of Lamp
-        Further ones, in the order of the places.
-    numbers : list of int
-        Which lamp each place means, of `found` and `more` in a row.
-
-    Raises
-    ------
-    InputError
-        For a place with no surface near it, or with nothing bright on that.
+    Raises InputError for a place with no surface near it, or with nothing bright on that.
     """
     more: list[Lamp] = []
     numbers = []
@@ -109,8 +80,14 @@ def _grown(
     glows = peak > GLOWS * bounce.max(axis=1)
     if glows[seed]:
         near &= glows
-    rows = _joined(occluder, near & (peak >= AS_BRIGHT * peak[seed]), seed)
-    around = _joined(occluder, near & (peak >= AS_GLOW * peak[seed]), seed)
+    pieces = Pieces(occluder)
+
+    def joined(chosen: Mask) -> NDArray[np.int64]:
+        piece = pieces.of(chosen)
+        return np.flatnonzero(piece == piece[seed])
+
+    rows = joined(near & (peak >= AS_BRIGHT * peak[seed]))
+    around = joined(near & (peak >= AS_GLOW * peak[seed]))
 
     def mean(of: NDArray[np.int64], values: NDArray[np.floating]) -> NDArray[np.float64]:
         weight = np.maximum(areas[of], 1e-12)
@@ -118,19 +95,3 @@ def _grown(
 
     area = float(np.maximum(areas[rows], 1e-12).sum())
     return Lamp(rows, area, mean(rows, occluder.origins), mean(rows, occluder.normals), mean(around, captured))
-
-
-def _joined(occluder: Occluder, chosen: Mask, seed: int) -> NDArray[np.int64]:
-    """The chosen vertices (V,) connected to one of them, sorted."""
-    order, new_node, _ = ranked_nodes(occluder.origins, occluder.normals)
-    node = np.zeros(len(chosen), np.int64)
-    node[order] = np.cumsum(new_node) - 1
-    count = int(node.max()) + 1
-    edges = np.concatenate([occluder.faces[:, pair] for pair in ([0, 1], [1, 2], [2, 0])])
-    smooth = np.einsum("ij,ij->i", *(occluder.normals[end] for end in edges.T)) > SMOOTH
-    taken = np.bincount(node, chosen, count) > 0
-    joined = node[edges[smooth & taken[node[edges]].all(axis=1)]]
-    _, label = scipy.sparse.csgraph.connected_components(
-        scipy.sparse.coo_array((np.ones(len(joined)), joined.T), (count, count)), directed=False
-    )
-    return np.flatnonzero(taken[node] & (label[node] == label[node[seed]]))

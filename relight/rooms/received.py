@@ -82,36 +82,13 @@ class RoomSurface(NamedTuple):
 def places_of(
     occluder: Occluder,
     surface: RoomSurface,
-    lamps: list[NDArray[np.int64]],
-    lamp_light: NDArray[np.float32],
-    sky: CapturedSky | None,
-    seed: int = 0,
-    through: NDArray[np.float32] | None = None,
+    lamps: list[NDArray[np.int64]],  # vertices of each of L lamps
+    lamp_light: NDArray[np.float32],  # (L, V) radiance of white under each, from `lamps.light_of`
+    sky: CapturedSky | None,  # in the windows
+    seed: int = 0,  # of the choice of points
+    through: NDArray[np.float32] | None = None,  # (V, 3) direct light of a known sky, which replaces the captured one
 ) -> RoomIrradiance:
-    """Gather the light that sample points of a room receive from each emitter.
-
-    Parameters
-    ----------
-    occluder : Occluder
-        The scene to trace rays in, V vertices.
-    surface : RoomSurface
-        Its vertices.
-    lamps : list of ndarray of int64
-        Vertices of each of L lamps.
-    lamp_light : ndarray of float32, (L, V)
-        Exit radiance of white vertices under each lamp, from `lamps.light_of`.
-    sky : CapturedSky or None
-        The sky captured in the windows.
-    seed : int
-        Seed of the choice of points.
-    through : ndarray of float32, (V, 3), optional
-        Direct light of a known sky in the windows at strength 1, which replaces the captured one.
-
-    Returns
-    -------
-    RoomIrradiance
-        Without points if no vertex is usable.
-    """
+    """Gather the light that sample points of a room receive from each emitter; no points if no vertex is usable."""
     normals, captured, areas, usable = surface
     exposed = usable & (captured.min(axis=1) > DARK) & (captured.max(axis=1) < SATURATED)
     vertices = samples.places(occluder, areas, exposed, PLACES, seed)
@@ -144,24 +121,12 @@ def places_of(
 
 
 def sky_parts(
-    sky: CapturedSky | None, directions: NDArray[np.float64], image: bool = False
+    sky: CapturedSky | None,  # None where none was captured: then all of it is unknown, equally bright and grey
+    directions: NDArray[np.float64],  # (K, 3) that share the sphere evenly, or those of an image's texels
+    image: bool = False,  # whether they are the latter
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Split the radiance of a sky in windows into a known and an unknown part.
-
-    Parameters
-    ----------
-    sky : CapturedSky or None
-        None where no sky was captured: then all of it is unknown, equally bright and grey.
-    directions : ndarray of float64, (K, 3)
-        Unit vectors that share the sphere evenly, or those of an image's texels.
-    image : bool
-        Whether they are of an image's texels.
-
-    Returns
-    -------
-    known, unknown : ndarray of float64, (K, 3)
-        Radiance in the unit of the captured colours: the visible part, and the excess over it at strength 1.
-    """
+    """The radiance of a sky in windows, (K, 3) each: its known part, in the unit of the captured colours, and the
+    unknown excess over it at strength 1."""
     if sky is None:
         upward = np.where(directions[:, 1:2] < 0.0, GROUND, 1.0)
         return np.zeros((len(directions), 3)), np.repeat(upward, 3, axis=1)

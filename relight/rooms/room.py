@@ -7,14 +7,16 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Floats, Mask, Radiance
 from splat2mesh.scene.color import luminance, srgb_from_linear
+from splat2mesh.scene.measured import CapturedSky
 from splat2mesh.scene.scene import Scene
 
 from ..albedo import samples
 from ..albedo.division import Prior, albedo_of, prior_of
 from ..albedo.interior import within
 from ..light.environment import Environment
-from ..transfer.bounces import Interreflection, visible_fraction, with_bounces
+from ..transfer.bounces import visible_fraction, with_bounces
 from ..transfer.occluder import Frame, Occluder
+from ..transfer.transport import Transport
 from . import lamps, received, strengths
 from .evenness import Evenness
 from .pointing import lamps_at
@@ -75,146 +77,153 @@ class Pointed(NamedTuple):
 
 
 def room_of(
-    scene: Scene,
+    scene: Scene,  # captured from within
     occluder: Occluder,
-    captured: NDArray[np.float32],
-    transfer: NDArray[np.float32],
-    interreflection: Interreflection,
-    seed: int = 0,
+    transport: Transport,  # of the white scene
+    seed: int = 0,  # of the places at which light is judged
     pointed: Pointed | None = None,
-    light: Environment | None = None,
+    light: Environment | None = None,  # outside, of any brightness and tint, if it is known
 ) -> tuple[Room | None, str]:
-    """Separate lamps, windows and albedo of a closed room from its captured colours.
+    """Separate lamps, windows and albedo of a closed room from its captured colours: the Room, or None and the reason.
 
-    Parameters
-    ----------
-    scene : Scene
-        Captured from within.
-    occluder : Occluder
-        The same scene to trace rays in, V vertices.
-    captured : ndarray of float32, (V, 3)
-        Linear.
-    transfer : ndarray of float32, (V, K)
-        Transfer of the white scene, without bounces.
-    interreflection : Interreflection
-        Bounces in the same scene.
-    seed : int
-        Seed of the choice of places at which light is judged.
-    pointed : Pointed, optional
-        Where a person says that lamps are; they come after those that are found, whose numbers stay.
-    light : Environment, optional
-        The light outside, of any brightness and tint, if it is known.
-
-    Returns
-    -------
-    room : Room or None
-        None where its light cannot be estimated.
-    reason : str
-        Why not; empty with a Room.
-
-    Raises
-    ------
-    InputError
-        For a place that points at no lamp.
+    Raises InputError for a place that points at no lamp.
     """
-    sky = None if scene.measured is None else scene.measured.sky
-    areas, visible = samples.vertex_areas(occluder), visible_fraction(transfer)
     frame = Frame.around(scene.vertices, scene.faces)
-    eyes = frame.unit(within(scene))
-    seen, below = seen_from(occluder, np.arange(len(captured)), eyes), below_ceiling(occluder, eyes)
-    found = [
-        lamp
-        for lamp in lamps.find(occluder, captured, areas, visible, interreflection.bounce(captured))
-        if areas[lamp.rows] @ seen[lamp.rows] > LEAST_SEEN * lamp.area
-    ]
-    known = None if light is None else WindowLight.of(light, occluder, transfer, np.where(seen, areas, 0.0))
-    even = Evenness(occluder)
-    normals = even.average_directions(occluder.normals, AVERAGING_ROUNDS)
-
-    def light_of(lamp: lamps.Lamp) -> NDArray[np.float32]:
-        return even.average(lamps.light_of(lamp, occluder, areas, normals), AVERAGING_ROUNDS)
-
-    def judged(sample: int = 0) -> tuple[received.RoomIrradiance, strengths.Strengths | None]:
-        usable = seen & below
-        for lamp in found:
-            usable[lamp.rows] = False
-        rows = [lamp.rows for lamp in found]
-        stacked = np.stack(lights) if lights else np.zeros((0, len(captured)), np.float32)
-        surface = received.RoomSurface(normals, captured, areas, usable)
-        through = None if known is None else known.direct
-        places = received.places_of(occluder, surface, rows, stacked, sky, seed + sample, through)
-        return places, strengths.solve(places, np.array([lamp.color for lamp in found]).reshape(-1, 3))
-
-    def settled() -> strengths.Strengths | None:
-        return strengths.averaged([(places, solved), *map(judged, range(1, strengths.SAMPLES))])
-
-    lights = [light_of(lamp) for lamp in found]
-    while True:  # until no further candidate is rejected
-        places, solved = judged()
-        if solved is None:
-            break
-        kept = _rows_of_lamps(found, lights, solved, interreflection, captured, areas)
-        if len(kept) == len(found):
-            break
-        found, lights = [found[k] for k in kept], [lights[k] for k in kept]
-    solved = settled()
+    search = _Search(_Shown.of(scene, occluder, frame, transport, light), seed)
+    search.add(search.shown.candidates())
+    solved = search.settled()
     reason = "neither a lamp nor a window was found in it" if solved is None else _unlikely(solved)
     numbers: list[int] = []
     if pointed is not None:
         if reason:  # their numbers were never reported
-            found, lights = [], []
-        bounce = interreflection.bounce(captured)
-        at = frame.unit(pointed.places)
-        more, numbers = lamps_at(occluder, captured, areas, bounce, at, pointed.names, found)
-        first, said = found, len(more)
-        found, lights = [*found, *more], [*lights, *map(light_of, more)]
-        while True:  # beside lamps that the user points at, the others are tested again
-            places, solved = judged()
-            if solved is None:
-                break
-            kept = _rows_of_lamps(found, lights, solved, interreflection, captured, areas)
-            kept = sorted({*kept, *range(len(found) - said, len(found))})
-            if len(kept) == len(found):
-                break
-            found, lights = [found[k] for k in kept], [lights[k] for k in kept]
-        solved = settled()
-        if solved is not None:
-            found, lights, solved = _in_place(first, found, lights, solved)
+            search = _Search(search.shown, seed)
+        solved, numbers = search.with_pointed(frame.unit(pointed.places), pointed.names)
         reason = "" if solved is not None else "the lamps that were pointed at light nothing of what was seen"
     if solved is None or reason:
         return None, reason
-    environment = capture_light(sky, places.patches, solved.patches, known)
-    outside, brightness = np.zeros_like(captured), 1.0
-    if len(places.patches):
-        outside, weight = direct_light(occluder, transfer, environment), np.where(seen, areas, 0.0)
-        brightness = float(max(weight @ luminance(outside), 1e-6) / max(weight @ visible, 1e-12))
-    emitters = list(zip(found, lights, solved.radiance, strict=False))
-    lit = _lit(captured, interreflection, outside, areas, seen, emitters, occluder.faces)
-    report = _report(frame, found, places, solved) | {"self_relight_db": lit.pop("self_relight_db")}
-    report |= {"pointed": [number + 1 for number in numbers]} if numbers else {}
-    return Room(**lit, environment=environment, brightness=brightness, report=report), ""
+    return _room(search, solved, frame, numbers), ""
 
 
-def _rows_of_lamps(
-    found: list[lamps.Lamp],
-    lights: list[NDArray[np.float32]],
-    solved: strengths.Strengths,
-    interreflection: Interreflection,
-    captured: Radiance,
-    areas: Floats,
-) -> list[int]:
-    """Which candidates are lamps: those that send more than they could reflect, with a strength that the room
-    determines."""
-    bounce, kept = interreflection.bounce(captured), []
-    for k, lamp in enumerate(found):
-        weight = areas[lamp.rows] / areas[lamp.rows].sum()
-        around = weight @ luminance(bounce[lamp.rows])
-        for other, light in enumerate(lights):
-            if other != k:
-                around += luminance(solved.radiance[other]) * float(weight @ light[lamp.rows])
-        if luminance(solved.radiance[k]) > LEAST_EXCESS * around and solved.evidence[k] > LEAST_EVIDENCE:
-            kept.append(k)
-    return kept
+class _Shown(NamedTuple):
+    """What a capture shows of a room of V vertices, and how light travels in it.
+
+    seen: (V,) mask of what was visible to it; below: of what does not lie above the ceiling. even: for light.
+    normals: averaged along the surface. bounce: (V, 3) radiance of white under the captured colours around it.
+    known: the light outside where that is given.
+    """
+
+    occluder: Occluder
+    captured: NDArray[np.float32]
+    areas: NDArray[np.float64]
+    transport: Transport
+    sky: CapturedSky | None
+    seen: Mask
+    below: Mask
+    even: Evenness
+    normals: NDArray[np.float32]
+    bounce: NDArray[np.float32]
+    known: WindowLight | None
+
+    @classmethod
+    def of(
+        cls, scene: Scene, occluder: Occluder, frame: Frame, transport: Transport, light: Environment | None
+    ) -> "_Shown":
+        captured, areas, eyes = scene.colors_linear, samples.vertex_areas(occluder), frame.unit(within(scene))
+        seen, even = seen_from(occluder, np.arange(len(captured)), eyes), Evenness(occluder)
+        weights = np.where(seen, areas, 0.0)
+        return cls(
+            occluder=occluder,
+            captured=captured,
+            areas=areas,
+            transport=transport,
+            sky=None if scene.measured is None else scene.measured.sky,
+            seen=seen,
+            below=below_ceiling(occluder, eyes),
+            even=even,
+            normals=even.average_directions(occluder.normals, AVERAGING_ROUNDS),
+            bounce=transport.interreflection.bounce(captured),
+            known=None if light is None else WindowLight.of(light, occluder, transport.transfer, weights),
+        )
+
+    def candidates(self) -> list[lamps.Lamp]:
+        """Lamps by their colour, of which enough was seen."""
+        visible = visible_fraction(self.transport.transfer)
+        found = lamps.find(self.occluder, self.captured, self.areas, visible, self.bounce)
+        return [lamp for lamp in found if self.areas[lamp.rows] @ self.seen[lamp.rows] > LEAST_SEEN * lamp.area]
+
+    def light_of(self, lamp: lamps.Lamp) -> NDArray[np.float32]:
+        light = lamps.light_of(lamp, self.occluder, self.areas, self.normals)
+        return self.even.average(light, AVERAGING_ROUNDS)
+
+
+class _Search:
+    """The candidates for lamps of a room, of which those that turn out to be none are dropped.
+
+    found, lights: the Lamps that are left, and the light (V,) of each at radiance 1. places: where light was judged.
+    """
+
+    places: received.RoomIrradiance
+
+    def __init__(self, shown: _Shown, seed: int) -> None:
+        self.shown, self._seed = shown, seed
+        self.found: list[lamps.Lamp] = []
+        self.lights: list[NDArray[np.float32]] = []
+
+    def add(self, more: list[lamps.Lamp]) -> None:
+        self.found, self.lights = [*self.found, *more], [*self.lights, *map(self.shown.light_of, more)]
+
+    def settled(self, certain: int = 0) -> strengths.Strengths | None:
+        """Drop candidates until none is rejected; the Strengths of the rest. certain: so many of the last are lamps."""
+        while True:
+            self.places, solved = self._judged()
+            if solved is None:
+                break
+            kept = sorted({*self._lamps(solved), *range(len(self.found) - certain, len(self.found))})
+            if len(kept) == len(self.found):
+                break
+            self.found, self.lights = [self.found[k] for k in kept], [self.lights[k] for k in kept]
+        return strengths.averaged([(self.places, solved), *map(self._judged, range(1, strengths.SAMPLES))])
+
+    def with_pointed(
+        self, places: NDArray[np.floating], names: list[str]
+    ) -> tuple[strengths.Strengths | None, list[int]]:
+        """The Strengths with the lamps that places (P, 3), unit frame, point at, and the number of each of these.
+
+        Beside them the others are tested again; those that are rejected stay as dark ones, so all keep their numbers.
+        """
+        shown, first = self.shown, self.found
+        more, numbers = lamps_at(shown.occluder, shown.captured, shown.areas, shown.bounce, places, names, first)
+        self.add(more)
+        solved = self.settled(len(more))
+        if solved is not None:
+            self.found, self.lights, solved = _in_place(first, self.found, self.lights, solved)
+        return solved, numbers
+
+    def _judged(self, sample: int = 0) -> tuple[received.RoomIrradiance, strengths.Strengths | None]:
+        shown = self.shown
+        usable = shown.seen & shown.below
+        for lamp in self.found:
+            usable[lamp.rows] = False
+        rows = [lamp.rows for lamp in self.found]
+        stacked = np.stack(self.lights) if self.lights else np.zeros((0, len(shown.captured)), np.float32)
+        surface = received.RoomSurface(shown.normals, shown.captured, shown.areas, usable)
+        through = None if shown.known is None else shown.known.direct
+        places = received.places_of(shown.occluder, surface, rows, stacked, shown.sky, self._seed + sample, through)
+        return places, strengths.solve(places, np.array([lamp.color for lamp in self.found]).reshape(-1, 3))
+
+    def _lamps(self, solved: strengths.Strengths) -> list[int]:
+        """Which candidates are lamps: those that send more than they could reflect, with a strength that the room
+        determines."""
+        kept, areas = [], self.shown.areas
+        for k, lamp in enumerate(self.found):
+            weight = areas[lamp.rows] / areas[lamp.rows].sum()
+            around = weight @ luminance(self.shown.bounce[lamp.rows])
+            for other, light in enumerate(self.lights):
+                if other != k:
+                    around += luminance(solved.radiance[other]) * float(weight @ light[lamp.rows])
+            if luminance(solved.radiance[k]) > LEAST_EXCESS * around and solved.evidence[k] > LEAST_EVIDENCE:
+                kept.append(k)
+        return kept
 
 
 def _in_place(
@@ -249,23 +258,22 @@ def _unlikely(solved: strengths.Strengths) -> str:
     return ""
 
 
-def _lit(
-    captured: Radiance,
-    interreflection: Interreflection,
-    outside: Radiance,
-    areas: Floats,
-    seen: Mask,
-    emitters: list[tuple[lamps.Lamp, NDArray[np.float32], NDArray[np.float64]]],
-    faces: NDArray[np.integer],
-) -> dict[str, Any]:
-    """The arrays of a Room, and how near the model comes to the captured colours.
-
-    outside: (V, 3) direct light through the windows. emitters: (Lamp, light (V,), radiance (3,)) each.
-    """
+def _room(search: _Search, solved: strengths.Strengths, frame: Frame, numbers: list[int]) -> Room:
+    """The Room of what was found. numbers: of the lamps that were pointed at."""
+    shown, interreflection = search.shown, search.shown.transport.interreflection
+    occluder, captured, places = shown.occluder, shown.captured, search.places
+    shares = np.where(shown.seen, shown.areas, 0.0)
+    environment = capture_light(shown.sky, places.patches, solved.patches, shown.known)
+    outside, brightness = np.zeros_like(captured), 1.0
+    if len(places.patches):
+        outside = direct_light(occluder, shown.transport.transfer, environment)
+        visible = visible_fraction(shown.transport.transfer)
+        brightness = float(max(shares @ luminance(outside), 1e-6) / max(shares @ visible, 1e-12))
     glow, lamp_light, sent = np.zeros_like(captured), np.zeros_like(captured), captured.copy()
-    each = np.zeros((len(emitters), *captured.shape), np.float32)
+    each = np.zeros((len(search.found), *captured.shape), np.float32)
     lamp_of = np.full(len(captured), -1, np.int16)
-    for number, (lamp, light, radiance) in enumerate(emitters):
+    for number, (lamp, light) in enumerate(zip(search.found, search.lights, strict=True)):
+        radiance = solved.radiance[number]
         each[number] = light[:, None] * radiance.astype(np.float32)
         lamp_light += each[number]
         lamp_of[lamp.rows] = number
@@ -273,7 +281,7 @@ def _lit(
         sent[lamp.rows] = 0.0
     glowing: Mask = np.asarray(glow.any(axis=1))
     irradiance = outside + lamp_light + interreflection.bounce(sent)
-    shares = np.where(seen & ~glowing, areas, 0.0)
+    shares = np.where(glowing, 0.0, shares)
     prior = prior_of(captured, irradiance, shares)
     albedo = albedo_of(captured, irradiance, prior)
     albedo[glowing] = prior.albedo
@@ -281,16 +289,32 @@ def _lit(
     if not outside.any():  # all light is that of lamps
         by_lamps = np.where(glowing[:, None], by_lamps, captured)
     modelled = by_lamps + with_bounces(outside, albedo, interreflection)[0]
-    off = srgb_from_linear(np.clip(modelled, 0.0, 1.0)) - srgb_from_linear(np.clip(captured, 0.0, 1.0))
     judged = np.where(captured.max(axis=1) < received.SATURATED, shares, 0.0)
-    error = float(judged @ np.square(off).mean(axis=1)) / max(float(judged.sum()), 1e-30)
-    decibels = round(float(-10.0 * np.log10(max(error, 1e-10))), 2)
     level = float((judged @ captured).sum() / max(float((judged @ modelled).sum()), 1e-12))
     bright = glowing | (captured.max(axis=1) > lamps.PALE)  # lamps and their overexposed surroundings are not modelled
-    trust = trust_in(np.where(bright[:, None], captured, level * modelled), captured, faces)
-    arrays = {"albedo": albedo, "irradiance": captured / albedo, "by_lamps": by_lamps, "glow": glow, "prior": prior}
-    arrays |= {"lamp_light": each, "lamp_of": lamp_of}
-    return {**arrays, "trust": trust, "self_relight_db": decibels}
+    trust = trust_in(np.where(bright[:, None], captured, level * modelled), captured, occluder.faces)
+    report = _report(frame, search.found, places, solved) | {"self_relight_db": _decibels(captured, modelled, judged)}
+    report |= {"pointed": [number + 1 for number in numbers]} if numbers else {}
+    return Room(
+        albedo=albedo,
+        irradiance=captured / albedo,
+        by_lamps=by_lamps,
+        glow=glow,
+        lamp_light=each,
+        lamp_of=lamp_of,
+        environment=environment,
+        brightness=brightness,
+        prior=prior,
+        trust=trust,
+        report=report,
+    )
+
+
+def _decibels(captured: Radiance, modelled: Radiance, weights: Floats) -> float:
+    """How near the model comes to the captured colours, PSNR of the pictures."""
+    off = srgb_from_linear(np.clip(modelled, 0.0, 1.0)) - srgb_from_linear(np.clip(captured, 0.0, 1.0))
+    error = float(weights @ np.square(off).mean(axis=1)) / max(float(weights.sum()), 1e-30)
+    return round(float(-10.0 * np.log10(max(error, 1e-10))), 2)
 
 
 def _report(

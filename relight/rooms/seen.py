@@ -19,22 +19,7 @@ UNEVEN = 0.1
 
 
 def seen_from(occluder: Occluder, rows: NDArray[np.int64], eyes: NDArray[np.float32]) -> NDArray[np.bool_]:
-    """Find the vertices whose front is visible from an eye.
-
-    Parameters
-    ----------
-    occluder : Occluder
-        The scene to trace rays in.
-    rows : ndarray of int64, (N,)
-        The vertices asked about.
-    eyes : ndarray of float32, (E, 3)
-        Unit frame of the occluder.
-
-    Returns
-    -------
-    ndarray of bool, (N,)
-        Whether any eye sees each.
-    """
+    """Which of the vertices (N,) show their front to any of the eyes (E, 3), unit frame: (N,)."""
     seen = np.zeros(len(rows), bool)
     for eye in np.asarray(eyes, np.float32):
         left = np.flatnonzero(~seen)
@@ -47,20 +32,8 @@ def seen_from(occluder: Occluder, rows: NDArray[np.int64], eyes: NDArray[np.floa
 
 
 def ceiling_level(occluder: Occluder, eyes: NDArray[np.float32]) -> tuple[float, float] | None:
-    """Height of the ceiling, where half of the rays up from the eyes end, and that of the eyes.
-
-    Parameters
-    ----------
-    occluder : Occluder
-        The scene to trace rays in.
-    eyes : ndarray of float32, (E, 3)
-        Unit frame of the occluder.
-
-    Returns
-    -------
-    tuple of two floats, or None
-        Unit frame; None where nothing is above the eyes.
-    """
+    """Heights, unit frame, of the ceiling, where half of the rays up from the eyes (E, 3) end, and of the eyes; None
+    where nothing is above them."""
     directions = fibonacci_sphere(LOOKS)
     up = directions[directions[:, 1] > UPRIGHT]
     origins = np.repeat(eyes, len(up), axis=0)
@@ -74,20 +47,8 @@ def ceiling_level(occluder: Occluder, eyes: NDArray[np.float32]) -> tuple[float,
 
 
 def below_ceiling(occluder: Occluder, eyes: NDArray[np.float32]) -> NDArray[np.bool_]:
-    """Find the vertices that do not lie above the ceiling, where training leaves fog that shows through its holes.
-
-    Parameters
-    ----------
-    occluder : Occluder
-        The scene to trace rays in, V vertices.
-    eyes : ndarray of float32, (E, 3)
-        Unit frame of the occluder.
-
-    Returns
-    -------
-    ndarray of bool, (V,)
-        All where nothing is above the eyes.
-    """
+    """Mask (V,) of the vertices that do not lie above the ceiling, where training leaves fog that shows through its
+    holes; all where nothing is above the eyes."""
     found = ceiling_level(occluder, eyes)
     if found is None:
         return np.ones(len(occluder.origins), bool)

@@ -91,20 +91,8 @@ class _Emitters:
 
 
 def solve(places: RoomIrradiance, colors: NDArray[np.float64]) -> Strengths | None:
-    """Solve for the strengths of a room's emitters.
-
-    Parameters
-    ----------
-    places : RoomIrradiance
-        Light of the emitters at the places.
-    colors : ndarray of float64, (L, 3)
-        Captured colours of the lamps, linear.
-
-    Returns
-    -------
-    Strengths or None
-        None where the places determine nothing.
-    """
+    """Solve for the Strengths of a room's emitters; None where the places determine nothing. colors: (L, 3) captured,
+    linear, of the lamps."""
     from scipy.optimize import minimize_scalar  # most scenes are no room, and it takes .3 s to import
 
     light, count, lamps = _Emitters(places), len(places.emitters), places.lamps
@@ -148,18 +136,10 @@ def solve(places: RoomIrradiance, colors: NDArray[np.float64]) -> Strengths | No
 
 
 def averaged(found: Sequence[tuple[RoomIrradiance, Strengths | None]]) -> Strengths | None:
-    """Average the strengths that several samples of places give.
+    """Average the strengths that several samples of places give for the same lamps, None where the first is.
 
-    Parameters
-    ----------
-    found : sequence of (RoomIrradiance, Strengths or None)
-        Of the same lamps. Samples without a result, or with windows where the first has none, do not count.
-
-    Returns
-    -------
-    Strengths or None
-        For the patches of the first: means of logarithms, of those of the patches that are nearest in the others, and
-        means of all else. None where the first is.
+    Samples without a result, or with windows where the first has none, do not count. The patches are those of the
+    first: means of logarithms, of those of the patches that are nearest in the others; means of all else.
     """
     patches, first = found[0][0].patches, found[0][1]
     if first is None:

@@ -54,30 +54,16 @@ def is_city(path: str | os.PathLike[str]) -> bool:
 
 
 def relight_city(
-    request: RelightRequest,
-    engine: Any = None,
+    request: RelightRequest,  # of the folder that `convert_city` wrote
+    engine: Any = None,  # a Loop or Cluster that runs the tasks; by default of the request's `tiling`
     *,
-    folder: str | None = None,
+    folder: str | None = None,  # name within the city; by default the light and its angle
     stages: Stages | None = None,
 ) -> dict[str, Any]:
     """Light a city; returns the report, JSON-clean.
 
-    Parameters
-    ----------
-    request : RelightRequest
-        Its scene is the folder from `convert_city`. A city accepts the fields KNOWN, one angle, and all LightingOptions
-        except those for captured lamps.
-    engine : Loop or Cluster, optional
-        Runs the tasks; default: made from the request's `tiling`.
-    folder : str, optional
-        Name within the city; default: the light and its angle.
-
-    Raises
-    ------
-    InputError
-        For input that cannot be used.
-    UnfinishedError
-        If some tiles failed; the others are done.
+    A city accepts the fields KNOWN, one angle, and all LightingOptions except those for captured lamps. Raises
+    InputError for input that cannot be used, and UnfinishedError if some tiles failed; the others are done.
     """
     check_city(request)
     stages = stages or Stages()

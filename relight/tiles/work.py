@@ -2,7 +2,7 @@
 
 import io
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -10,6 +10,7 @@ from splat2mesh.base.arrays import Floats, Radiance
 from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.meshfile import mesh_ply_bytes
+from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.cleaning import usable
 from splat2mesh.splats.formats.inria import inria_ply_bytes
 from splat2mesh.splats.joining import joined
@@ -20,13 +21,18 @@ from splat2mesh.tiles.plan import folder_of
 from splat2mesh.tiles.store import Store
 from splat2mesh.tiles.survey import splats_from
 
+from ..albedo import estimate
+from ..albedo.estimate import under_light
+from ..albedo.samples import vertex_areas
 from ..engine.appearance import CAPTURE, CAPTURE_OF_PLACE, Appearance
 from ..engine.light_mix import LightMix
+from ..engine.relighter import Relighter
 from ..lamps.placing import asked_lamps
 from ..light.captured import CapturedLight
 from ..light.environment import Environment
 from ..options import LightingOptions
 from ..output.relit_splats import BoundSplats, SplatLight, relit
+from ..splats.binding import Binding
 from ..splats.light_ratio import Usual, log_gain
 from .background import background_of, far_splats, relit_background
 from .local import NEAR, Local, TileNeighborhood, far_scene
@@ -34,9 +40,6 @@ from .mixture import CityMixture
 from .parts import room_for
 from .shared import Shared, coarse_city, read_sky, write_shared
 from .streamed import FOLDER, environment_files, tile_levels
-
-if TYPE_CHECKING:
-    from ..engine.relighter import Relighter
 
 CITY_METRE = 1.0
 """Splat units to a metre in a city: captures of that size are mostly placed by GPS, whose unit is a metre."""
@@ -55,10 +58,6 @@ def common_light(
     far: list[int],  # pieces whose far background is to be lit
 ) -> dict[str, Any]:
     """Estimate the captured light and the exposure from the coarse city, write FOLDER/light.npz, and return facts."""
-    from ..albedo import estimate
-    from ..albedo.samples import vertex_areas
-    from ..engine.relighter import Relighter
-
     shared = coarse_city(store, read_sky(store, folder))
     scene, sky = far_scene(shared), shared.sky
     relighter = Relighter(scene, options)
@@ -181,8 +180,6 @@ def _lit_part(
     shared: Shared, local: Local, request: TileRequest, splats: Splats | None
 ) -> tuple[Radiance, Floats | None, dict[str, Any]]:
     """Of a part: radiance of its own vertices, the colours of its splats or None, and facts for the record."""
-    from ..engine.relighter import Relighter
-
     relighter = Relighter(local.scene, request.options, shown=lambda: local.shown)
     captured = local.scene.colors_linear
     colors, before = _albedo(relighter, captured, shared, request.albedo, request.options.seed)
@@ -222,8 +219,6 @@ def _albedo(
     relighter: "Relighter", captured: Radiance, shared: Shared, choice: str, seed: int
 ) -> tuple[Radiance | None, Radiance]:
     """Albedo (V, 3) or None for white, and the captured irradiance, (V, 3)."""
-    from ..albedo.estimate import under_light
-
     if choice == "white":
         return None, captured
     if shared.capture is None:
@@ -243,10 +238,6 @@ def _relit_sh(
 ) -> Floats:
     """Colours of splats under the change of light of the mesh near them. The typical change is that of the whole city,
     and no fit in views takes place, since it would show at borders."""
-    from splat2mesh.scene.scene import Scene
-
-    from ..splats.binding import Binding
-
     matrix = local.scene.scene_from_splat
     near = Scene(local.scene.chunks[: local.near], scene_from_splat=matrix)
     count, scale = near.vertex_count, float(np.cbrt(np.linalg.det(matrix[:3, :3])))

@@ -30,11 +30,7 @@ from .checks import check_shape, checked_albedo
 from .neighbors import Neighbors
 from .occluder import Occluder
 from .receivers import Receivers
-from .settings import BOUNCE_TOLERANCE
-
-DEFAULT_BOUNCE_RAYS = 64
-"""Error against a path tracer, of all light, on a tabletop whose bounces are 26% of it (`scripts/bench bounces`):
-16 rays 2.7%, 32 1.8%, 64 1.3%, 128 1.1%, 256 1.0%. The direct light of 10 bands is 3 to 4% off by itself."""
+from .settings import BOUNCE_RAYS, BOUNCE_TOLERANCE
 
 DEFAULT_MAX_BOUNCES = 16
 """Reached only by bright scenes that are nearly closed."""
@@ -61,7 +57,7 @@ class Interreflection:
     def __init__(
         self,
         occluder: Occluder,
-        rays: int = DEFAULT_BOUNCE_RAYS,  # per vertex
+        rays: int = BOUNCE_RAYS,  # per vertex
         seed: int = 0,
         visible: Floats | None = None,  # (V,) visible fraction of the cosine lobe; see `visible_fraction`
         advance: Advance = lambda count: None,  # called with the number of vertices done

@@ -1,7 +1,7 @@
 """What follows from the geometry of a scene alone: its occluder, the vertices that light is traced for, and bounces."""
 
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,11 +13,9 @@ from splat2mesh.scene.scene import Scene
 from .bounce_places import BouncePlaces
 from .bounces import Interreflection, visible_fraction
 from .neighbors import Neighbors
+from .occluder import Occluder
 from .receivers import Receivers
 from .store import Cache, array_key
-
-if TYPE_CHECKING:
-    from .occluder import Occluder
 
 ALIKE = 2
 """Largest factor of rays up to which existing bounces serve a request for fewer. Of more, so many are taken: they are
@@ -56,8 +54,6 @@ class KeptBounces:
     def occluder(self) -> "Occluder":
         """The Occluder of the whole scene."""
         if self._occluder is None:
-            from .occluder import Occluder
-
             with self._stages.stage("occluder"):
                 self._occluder = Occluder(self.scene.vertices, self.scene.normals, self.scene.faces)
                 if self.solid is not None:

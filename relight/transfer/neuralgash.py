@@ -6,6 +6,7 @@ three quarters of that without shadows, four times that of 25 rays (`relight/mod
 Geronikolakis et al., "Neural-GASh", arXiv:2507.13917, 2025.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -28,11 +29,6 @@ COLORS = 3
 BATCH = 1024
 """Vertices per run: activations stay in the caches, where 16,384 take 1.3 times as long, and memory stays flat."""
 
-HIGHEST = np.array([0.28210, 0.32574, 0.32574, 0.32574, 0.19314, 0.19314, 0.21027, 0.19314, 0.19314], np.float32)
-LOWEST = np.array([0.0, -0.32574, -0.32574, -0.32574, -0.19314, -0.19314, -0.14921, -0.19314, -0.19314], np.float32)
-"""No white vertex has more, or less: 1 / pi times the integral of max(0, n w) max(0, +-Y(w)) for the worst n, which
-is a hidden direction wherever Y has the other sign. Rounded away from 0."""
-
 
 def neural_gash(
     vertices: ArrayLike,  # (V, 3), scene frame; all of the scene, which sets the unit frame
@@ -42,8 +38,9 @@ def neural_gash(
 ) -> NDArray[np.float32]:
     """Transfer of white vertices as the network guesses it: (V, 9) float32, in the basis of `relight.sh.harmonics`.
 
-    The network gives three colours, equal up to rounding, as its labels were; this is their mean, cut to what
-    a white vertex can have. Depends on the vertex and the bounds of the scene, and to 1e-6 on no order or batch.
+    The network gives three colours, equal up to rounding, as its labels were; this is their mean, with the visible
+    fraction of the sky cut to 0 and 1. Depends on the vertex and the bounds of the scene, and to 1e-6 on no order or
+    batch.
     Normals are used as `unit_normals` returns them. Raises InputError for shapes that do not fit, vertices that are not
     finite, and without onnxruntime.
     """
@@ -58,12 +55,12 @@ def neural_gash(
         part = slice(start, start + BATCH)
         motors = cga.vertex_motors(points[part], normals[part])
         (rows,) = session.run(None, {"motor": motors})
-        mean = sum(rows[:, color::COLORS] for color in range(COLORS)) / np.float32(COLORS)
-        np.clip(mean, LOWEST, HIGHEST, out=transfer[part])
+        transfer[part] = sum(rows[:, color::COLORS] for color in range(COLORS)) / np.float32(COLORS)
         return len(rows)
 
     for count in in_order(predict, range(0, len(points), BATCH), workers=workers_of(session)):
         advance(count)
+    np.clip(transfer[:, 0], 0.0, math.sqrt(0.25 / math.pi), out=transfer[:, 0])
     return transfer
 
 

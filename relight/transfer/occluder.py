@@ -16,6 +16,9 @@ from .borders import inward_of_borders
 from .checks import check_faces, check_mesh
 from .neighbors import ranked_nodes
 
+BATCH_RAYS = 2**20
+"""Rays in memory at once: 24 MiB."""
+
 MAX_OFFSET = 1e-4
 """Ray origins stand off the surface by at most this part of the scene's diagonal. Folds and sheets closer than that
 cast no shadow on each other: with 1e-5 fine meshes change by up to 2%, in dents that are noise of their making."""

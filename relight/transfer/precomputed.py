@@ -2,7 +2,6 @@
 
 import copy
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -29,10 +28,8 @@ from .neuralgash import neural_gash
 from .receivers import Receivers
 from .settings import Settings
 from .store import Cache
+from .visibility import Visibility
 from .volume import Foliage
-
-if TYPE_CHECKING:
-    from .visibility import Visibility
 
 KEPT_IN_MEMORY = 2  # transfers of different settings: of a million vertices in 8 bands each takes 256 MB
 
@@ -181,8 +178,6 @@ class Precomputed(KeptBounces):
 
     def _seen(self, settings: Settings) -> "Visibility":
         """The Visibility with a number of rays, grown from the existing one if possible."""
-        from .visibility import Visibility
-
         mask = None if settings.shadowed is None else np.repeat(settings.shadowed, self.sizes)
         if settings.volume:  # leaves and grass need no rays
             mask = self._volumes.solid if mask is None else mask & self._volumes.solid
@@ -212,8 +207,6 @@ class Precomputed(KeptBounces):
 
     def _known_visibility(self, settings: Settings) -> "Visibility | None":
         """The Visibility that is there for such Settings, of however many rays, or None."""
-        from .visibility import Visibility
-
         name, visibility = self._name(settings), self._visibility
         if visibility is not None:
             return visibility if visibility.name == name else None

@@ -10,8 +10,8 @@ from splat2mesh.base.progress import Advance
 
 from ..sh import harmonics
 from . import check_rays, sampling
-from .occluder import Occluder
-from .visibility import BATCH_RAYS, Visibility, completed
+from .occluder import BATCH_RAYS, Occluder
+from .visibility import Visibility, completed
 
 
 def raytraced_scene(

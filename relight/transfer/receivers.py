@@ -97,23 +97,8 @@ class Receivers:
         traced, count = arrays["traced"], len(shown)
         if traced.shape != (count,) or traced.dtype != bool or (shown & ~traced).any():
             raise InputError("kept receivers are of another scene")
-        rings = []
-        for number in range(RINGS + 1):
-            if f"nodes{number}" not in arrays:
-                break
-            nodes, starts, columns, weights = (arrays[f"{name}{number}"] for name in _PARTS)
-            whole = all(each.dtype.kind == "i" and each.ndim == 1 for each in (nodes, starts, columns))
-            if not whole or weights.dtype != np.float32 or len(starts) != len(nodes) + 1:
-                raise InputError("kept receivers are of another kind")
-            if starts[0] != 0 or (np.diff(starts) < 1).any() or not starts[-1] == len(columns) == len(weights):
-                raise InputError("kept receivers do not fit together")
-            for each in (nodes, columns):
-                if each.min(initial=0) < 0 or each.max(initial=-1) >= count:
-                    raise InputError("kept receivers are of another scene")
-            if not (np.isfinite(weights).all() and (weights > 0.0).all()):
-                raise InputError("kept receivers are not finite")
-            rings.append((nodes, starts, columns, weights))
-        return cls(traced, rings)
+        numbers = [number for number in range(RINGS + 1) if f"nodes{number}" in arrays]
+        return cls(traced, [_kept_ring(arrays, number, count) for number in numbers])
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Dict of the arrays that `restored` takes."""
@@ -136,6 +121,22 @@ class Receivers:
 
 
 _PARTS = "nodes", "starts", "columns", "weights"
+
+
+def _kept_ring(arrays: Mapping[str, NDArray[Any]], number: int, count: int) -> Ring:
+    """One of the rings of so many vertices. Raises InputError or KeyError for arrays that do not fit."""
+    nodes, starts, columns, weights = (arrays[f"{name}{number}"] for name in _PARTS)
+    whole = all(each.dtype.kind == "i" and each.ndim == 1 for each in (nodes, starts, columns))
+    if not whole or weights.dtype != np.float32 or len(starts) != len(nodes) + 1:
+        raise InputError("kept receivers are of another kind")
+    if starts[0] != 0 or (np.diff(starts) < 1).any() or not starts[-1] == len(columns) == len(weights):
+        raise InputError("kept receivers do not fit together")
+    for each in (nodes, columns):
+        if each.min(initial=0) < 0 or each.max(initial=-1) >= count:
+            raise InputError("kept receivers are of another scene")
+    if not (np.isfinite(weights).all() and (weights > 0.0).all()):
+        raise InputError("kept receivers are not finite")
+    return nodes, starts, columns, weights
 
 
 @kernel

@@ -8,7 +8,9 @@ directions, traced again for every light and angle. bounces: light that surfaces
 volume: leaves and grass have no normal, and light reaches them through one another (`volume.Foliage`)."""
 
 BOUNCE_RAYS, VOLUME_DIRECTIONS = 64, 512
-"""Settings without a plan: the defaults of `bounces.Interreflection` and `volume.Foliage`."""
+"""Settings without a plan. Error of bounced light against a path tracer, of all light, on a tabletop whose bounces are
+26% of it (`scripts/bench bounces`): 16 rays 2.7%, 32 1.8%, 64 1.3%, 128 1.1%, 256 1.0%. The direct light of 10 bands is
+3 to 4% off by itself."""
 
 BOUNCE_TOLERANCE = 1e-3
 """Contribution below which further bounces are dropped where nothing is planned: well below the error of the rays. A

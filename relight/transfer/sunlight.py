@@ -11,10 +11,7 @@ from splat2mesh.base.threads import in_slices
 
 from ..light.suns import Suns
 from .neighbors import along_curve
-from .occluder import Occluder
-
-BATCH_RAYS = 2**20
-"""Rays in memory at once, at most: 24 MiB."""
+from .occluder import BATCH_RAYS, Occluder
 
 
 def sunlight(

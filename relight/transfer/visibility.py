@@ -18,10 +18,7 @@ from . import check_rays, consensus, lobes, sampling
 from .analytic import analytic
 from .filtering import average, steps_for
 from .neighbors import Neighbors
-from .occluder import Occluder
-
-BATCH_RAYS = 2**20
-"""Rays in memory at once: 24 MiB."""
+from .occluder import BATCH_RAYS, Occluder
 
 
 class Visibility:

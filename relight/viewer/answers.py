@@ -5,7 +5,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ..planning.effects import BOUNCES, EFFECTS, SHADOWS, VOLUME
+from ..transfer.settings import BOUNCES, EFFECTS, SHADOWS, VOLUME
 from .lighting import ConvergedLight, FinishedShading, LightWish, SessionLight, keys
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
-from ..planning.effects import BOUNCES, SHADOWS, SUN
+from ..transfer.settings import BOUNCES, SHADOWS, SUN
 from .modes import MODES
 from .object_tool import TURN_DEG
 from .window_view import WindowView

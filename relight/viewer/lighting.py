@@ -20,12 +20,11 @@ from splat2mesh.scene.scene import Scene
 from ..engine.relighter import Relighter
 from ..light.environment import Environment
 from ..options import LightingOptions
-from ..planning.effects import BOUNCES, SHADOWS, SUN, VOLUME
 from ..sh import harmonics
 from ..sh.sphere import fibonacci_sphere
 from ..transfer.analytic import analytic
 from ..transfer.checks import checked_albedo
-from ..transfer.settings import Settings
+from ..transfer.settings import BOUNCES, SHADOWS, SUN, VOLUME, Settings
 
 if TYPE_CHECKING:
     from ..planning.plan import Plan
@@ -69,7 +68,7 @@ STAGES = {
 
 class LightWish(NamedTuple):
     """The light that the window wants. environment, albedo: names. effects: frozenset of
-    `relight.planning.effects.EFFECTS`.
+    `relight.transfer.settings.EFFECTS`.
 
     reference: whether it also wants converged light at every vertex, for the error view.
     """

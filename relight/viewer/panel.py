@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ..output.kinds import PICTURE_SIZE
-from ..planning.effects import BOUNCES, SUN
+from ..transfer.settings import BOUNCES, SUN
 from .canvas import BAR, CHIP, DARK, DIM, HANDLE, IDLE, KEY, ON, TEXT, TITLE, TRACK, WARNING, Canvas
 from .controls import CONTROLS, MOUSE, SLIDERS, Control, Slider, key_name
 from .hand_panel import draw_hand

@@ -20,7 +20,7 @@ from splat2mesh.scene.foreign import as_scene
 from ..engine.light_mix import LightBeside
 from ..light.environment import turned_about_y
 from ..light.tonemap import auto_exposure
-from ..planning.effects import BOUNCES, SHADOWS
+from ..transfer.settings import BOUNCES, SHADOWS
 from .answers import Answers, LightWorker
 from .hand_bench import HandBench
 from .history import Timeline

@@ -15,7 +15,7 @@ from ..albedo.by_hand import RANGES as HAND_RANGES
 from ..light import skies
 from ..light.environment import Environment
 from ..options import LightingOptions
-from ..planning.effects import EFFECTS
+from ..transfer.settings import EFFECTS
 
 RANGES = {
     "angle_deg": (0.0, 360.0),

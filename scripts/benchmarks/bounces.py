@@ -18,13 +18,13 @@ from relight.transfer import DEFAULT_BANDS, DEFAULT_RAYS, sampling
 from relight.transfer.bounce_places import BATCH_RAYS
 from relight.transfer.bounce_rows import FINENESS
 from relight.transfer.bounces import (
-    DEFAULT_BOUNCE_RAYS,
     Interreflection,
     transfer_with_bounces,
     visible_fraction,
     with_bounces,
 )
 from relight.transfer.raytraced import raytraced_scene
+from relight.transfer.settings import BOUNCE_RAYS
 
 PROBES = 400  # vertices that are compared
 DIRECT_SAMPLES = 2**15  # of the light, for each of them: 0.5% noise
@@ -119,7 +119,7 @@ def errors(mesh, light, options, report):
         table.add(rays=rays, **dict(zip(names, (*found, whole), strict=True)))
 
     matrix = Interreflection(occluder, visible=visible_fraction(transfer))
-    title = f"{DEFAULT_BOUNCE_RAYS} rays: error of the bounces and contribution in %, seconds of all so far"
+    title = f"{BOUNCE_RAYS} rays: error of the bounces and contribution in %, seconds of all so far"
     table = report.table(title, bounces="d", error=".2f", contribution=".2f", seconds=".4f")
     for count in range(9):
         work = {"tolerance": 0.0, "max_bounces": count}
@@ -155,9 +155,9 @@ def times(mesh, report):
 
 
 def cast(occluder):
-    azimuths = sampling.fibonacci_azimuths(DEFAULT_BOUNCE_RAYS)
-    batch = BATCH_RAYS // DEFAULT_BOUNCE_RAYS
-    buffer = np.zeros((batch, DEFAULT_BOUNCE_RAYS, 6), np.float32)
+    azimuths = sampling.fibonacci_azimuths(BOUNCE_RAYS)
+    batch = BATCH_RAYS // BOUNCE_RAYS
+    buffer = np.zeros((batch, BOUNCE_RAYS, 6), np.float32)
     for start in range(0, len(occluder.origins), batch):
         part = slice(start, start + batch)
         shot = buffer[: len(occluder.origins[part])]

@@ -5,9 +5,12 @@ import open3d as o3d
 
 from relight import Environment
 from relight.light.projections import texel_directions
+from relight.options import LightingOptions
+from relight.planning.decide import PlannedScene, planned
 from relight.transfer.bounces import Interreflection, with_bounces
 from relight.transfer.occluder import Occluder
 from relight.transfer.reference import reference
+from relight.transfer.volume import Foliage
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene
 
@@ -130,3 +133,10 @@ def truth(scene, light, albedo=None, directions=2048):
 def difference(found, expected):
     """Relative L2."""
     return float(np.linalg.norm(found - expected) / np.linalg.norm(expected))
+
+
+def plan(scene, environment, tolerance=None, albedo_linear=None, angles=1, **options):
+    """The Plan for a scene under a light."""
+    sizes, wishes = [len(chunk.vertices) for chunk in scene.chunks], LightingOptions(tolerance=tolerance, **options)
+    known = PlannedScene(occluder_of(scene), sizes, albedo_linear, Foliage.of_scene(scene))
+    return planned(known, environment, wishes, angles)

@@ -38,7 +38,7 @@ def test_options_say_it_to_the_estimate(scene, monkeypatch):
         seen.append(evidence.said)
         raise InputError("stop")
 
-    monkeypatch.setattr("relight.albedo.estimate", estimate)
+    monkeypatch.setattr("relight.engine.appearance.estimate", estimate)
     with pytest.raises(InputError, match="stop"):
         appearance.appearance_of("estimated", None, relighter)
     assert seen == [relighter.said]

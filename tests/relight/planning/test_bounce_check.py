@@ -131,7 +131,8 @@ def coloured():
 
 def planned(coloured, light, monkeypatch, **wish):
     """(bounce rays as planned, Shading, Plan) by a law that promises a twentieth of the noise."""
-    monkeypatch.setattr(costs, "BOUNCE_NOISE", {rays: noise / 20 for rays, noise in costs.BOUNCE_NOISE.items()})
+    law = costs.bounce_noise
+    monkeypatch.setattr(costs, "bounce_noise", lambda rays: law(rays) / 20)
     relighter = Relighter(coloured[0], **wish)
     first = relighter.plan_for(light, coloured[1]).settings
     shading = relighter.shading(light, coloured[1])

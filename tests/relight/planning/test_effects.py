@@ -9,13 +9,13 @@ import pytest
 from relight import Environment, Relighter, cli
 from relight.light.sun_split import split
 from relight.options import LightingOptions
-from relight.planning.effects import EFFECTS
 from relight.transfer import bounce_places, occluder, visibility
-from relight.transfer.bounces import DEFAULT_BOUNCE_RAYS, Interreflection, visible_fraction
+from relight.transfer.bounces import Interreflection, visible_fraction
 from relight.transfer.neighbors import Neighbors
 from relight.transfer.occluder import Occluder
 from relight.transfer.raytraced import raytraced_scene
 from relight.transfer.reference import reference
+from relight.transfer.settings import BOUNCE_RAYS, EFFECTS
 from relight.transfer.sunlight import sunlight
 from splat2mesh.base.errors import InputError
 from splat2mesh.scene.mesh import Mesh
@@ -114,7 +114,7 @@ def test_shading_is_the_sum_of_its_parts(scene, albedo, effects, name):
     radiance = increment = albedo * np.maximum(direct, 0.0)
     if "bounces" in chosen:
         neighbors = Neighbors(everything.origins, everything.normals, everything.faces)
-        matrix = Interreflection(everything, DEFAULT_BOUNCE_RAYS, 3, visible_fraction(transfer), neighbors=neighbors)
+        matrix = Interreflection(everything, BOUNCE_RAYS, 3, visible_fraction(transfer), neighbors=neighbors)
         dense = matrix.bounce(np.eye(len(transfer), dtype=np.float32)).astype(np.float64)
         for bounce in range(100):
             increment = albedo * (dense @ increment)

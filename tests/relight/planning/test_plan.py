@@ -7,15 +7,14 @@ from functools import cache
 import numpy as np
 import plan_scenes
 import pytest
-from plan_scenes import closed_room, corner, difference, face, kitchen_sky, occluder_of, truth
+from plan_scenes import closed_room, corner, difference, face, kitchen_sky, occluder_of, plan, truth
 
 from relight import Environment, Relighter
 from relight.planning import costs
 from relight.planning.effect_errors import EffectErrors
-from relight.planning.effects import BOUNCES, SHADOWS, SUN, plan
 from relight.planning.plan import Plan
 from relight.transfer.bounces import Interreflection, with_bounces
-from relight.transfer.settings import Settings
+from relight.transfer.settings import BOUNCES, SHADOWS, SUN, Settings
 from splat2mesh.base.errors import InputError
 from splat2mesh.scene.color import luminance
 

@@ -10,7 +10,7 @@ from relight.sh.normals import unit_normals
 from relight.transfer import lobes, sampling
 from relight.transfer.analytic import analytic
 from relight.transfer.occluder import Occluder
-from relight.transfer.raytraced import raytraced
+from relight.transfer.raytraced import raytraced, raytraced_scene
 from splat2mesh.base.errors import DataWarning, InputError
 
 EVERY = slice(None)
@@ -337,5 +337,5 @@ def test_ray_counts_out_of_range_are_refused(torus, rays):
 
 def test_progress_counts_every_vertex(torus):
     done = []
-    raytraced(Occluder(*torus), EVERY, 1, 2**12, advance=done.append)
+    raytraced_scene(Occluder(*torus), 1, 2**12, advance=done.append)
     assert sum(done) == len(torus[0]) and len(done) > 1
