@@ -228,21 +228,12 @@ def light_file(choice: Any, folder: str | os.PathLike[str] | None) -> LightFile 
         return None
     own = None if folder is None or not Path(folder).is_dir() else Path(folder) / NAME
     if choice is None:
-        if own is None or not own.exists():
-            return None
-        try:
-            chosen = read_lights(own).chosen
-        except InputError as error:
-            raise InputError(f"{error}; or ignore it with `captured_light` {ANEW}") from None
-        return None if chosen is None else _file_of(chosen, own)
+        return None if own is None or not own.exists() else _chosen_in(own)
     if isinstance(choice, int):
         if own is None or not own.exists():
             where = f"{folder or 'a scene in memory'} holds no {NAME}"
             raise InputError(f"`captured_light` {choice}: {where}, which an estimate of its light writes")
-        candidates = read_lights(own).candidates
-        if choice > len(candidates):
-            raise InputError(f"`captured_light` {choice}: {own} holds {len(candidates)} candidates")
-        return _file_of(candidates[choice - 1], own)
+        return _candidate_in(own, choice)
     path = Path(choice)
     if not os.path.lexists(path):
         raise InputError(f"`captured_light` {path}: no such file; expected {NAME}, an environment, a number, or {ANEW}")
@@ -253,6 +244,23 @@ def light_file(choice: Any, folder: str | os.PathLike[str] | None) -> LightFile 
     if entry is None:
         raise InputError(f"`captured_light` {path}: it holds no light")
     return _file_of(entry, path)
+
+
+def _chosen_in(path: Path) -> LightFile | None:
+    """The file of the chosen light, or None."""
+    try:
+        chosen = read_lights(path).chosen
+    except InputError as error:
+        raise InputError(f"{error}; or ignore it with `captured_light` {ANEW}") from None
+    return None if chosen is None else _file_of(chosen, path)
+
+
+def _candidate_in(path: Path, number: int) -> LightFile:
+    """The file of a candidate, counted from 1."""
+    candidates = read_lights(path).candidates
+    if number > len(candidates):
+        raise InputError(f"`captured_light` {number}: {path} holds {len(candidates)} candidates")
+    return _file_of(candidates[number - 1], path)
 
 
 def _file_of(entry: LikelyLight, path: Path) -> LightFile:

@@ -17,6 +17,7 @@ from .color_spaces import XYZ, as_rec709
 from .sizes import check_pixels
 
 _RESOLUTION = re.compile(rb"([+-])([XY]) +(\d{1,9}) +([+-])([XY]) +(\d{1,9})\s*")
+_DAMAGED = "is a damaged or unusual Radiance HDR file"
 _LONGEST_HEADER = 1 << 16
 _NEW_RUNS = 8, 32767  # widths that may be packed in the new way
 
@@ -50,14 +51,12 @@ def decode(data: bytes, name: object) -> NDArray[np.float32]:
     exposure, primaries, order, start = _header(data, name)
     (first_sign, first, rows), (second_sign, second, columns) = order
     if {first, second} != {b"X", b"Y"} or not (rows and columns):
-        raise InputError(f"{name} is a damaged or unusual Radiance HDR file: its picture has no size")
+        raise InputError(f"{name} {_DAMAGED}: its picture has no size")
     check_pixels(name, rows, columns, len(data))
     pixels = np.zeros((rows, columns, 4), np.uint8)
     done = _unpack(np.frombuffer(data, np.uint8), start, pixels, _NEW_RUNS[0] <= columns <= _NEW_RUNS[1])
     if done < rows:
-        raise InputError(
-            f"{name} is a damaged or unusual Radiance HDR file: {done} of {rows} rows can be read: export it again"
-        )
+        raise InputError(f"{name} {_DAMAGED}: {done} of {rows} rows can be read: export it again")
     if first_sign == b"+":  # the usual order is -Y +X: from the top, from the left
         pixels = pixels[::-1] if first == b"Y" else pixels
     elif first == b"X":
@@ -79,16 +78,10 @@ def _header(
     data: bytes, name: object
 ) -> tuple[NDArray[np.float64], Sequence[float] | None, list[tuple[bytes, bytes, int]], int]:
     """(exposures of (3,), primaries, [(sign, axis, count)] of rows and columns, where the pixels start)."""
-    exposure, start = np.ones(3), 0
+    exposure = np.ones(3)
     primaries: Sequence[float] | None = None
-    while True:
-        end = data.find(b"\n", start, _LONGEST_HEADER)
-        if end < 0:
-            raise InputError(f"{name} is a damaged or unusual Radiance HDR file: its header has no end")
-        line, start = data[start:end].strip(), end + 1
-        if not line:
-            break
-        key, _, value = line.partition(b"=")
+    entries, start = _entries(data, name)
+    for key, value in entries:
         try:
             if key == b"EXPOSURE":
                 exposure *= float(value)
@@ -97,21 +90,39 @@ def _header(
             elif key == b"PRIMARIES" and primaries is not XYZ:
                 primaries = [float(part) for part in value.split()]
         except ValueError as error:
-            raise InputError(f"{name} is a damaged or unusual Radiance HDR file: {key.decode()} is {error}") from None
-        if key == b"FORMAT" and value.strip() == b"32-bit_rle_xyze":
+            raise InputError(f"{name} {_DAMAGED}: {key.decode()} is {error}") from None
+        if key == b"FORMAT" and value == b"32-bit_rle_xyze":
             primaries = XYZ
-        elif key == b"FORMAT" and value.strip() != b"32-bit_rle_rgbe":
+        elif key == b"FORMAT" and value != b"32-bit_rle_rgbe":
             raise InputError(f"{name} is of an unknown kind: convert it to 32-bit_rle_rgbe or OpenEXR")
     if not (np.isfinite(exposure).all() and (exposure > 0.0).all()):
-        raise InputError(f"{name} is a damaged or unusual Radiance HDR file: its exposure is {exposure.tolist()}")
+        raise InputError(f"{name} {_DAMAGED}: its exposure is {exposure.tolist()}")
+    return exposure, primaries, *_size(data, start, name)
+
+
+def _entries(data: bytes, name: object) -> tuple[list[tuple[bytes, bytes]], int]:
+    """[(key, value)] of the lines of a header, and where the line after it starts."""
+    found: list[tuple[bytes, bytes]] = []
+    start = 0
+    while True:
+        end = data.find(b"\n", start, _LONGEST_HEADER)
+        if end < 0:
+            raise InputError(f"{name} {_DAMAGED}: its header has no end")
+        line, start = data[start:end].strip(), end + 1
+        if not line:
+            return found, start
+        key, _, value = line.partition(b"=")
+        found.append((key, value.strip()))
+
+
+def _size(data: bytes, start: int, name: object) -> tuple[list[tuple[bytes, bytes, int]], int]:
+    """[(sign, axis, count)] of rows and columns, and where the pixels start."""
     end = data.find(b"\n", start, start + 100)
     found = _RESOLUTION.fullmatch(data[start:end]) if end >= 0 else None
     if found is None:
-        raise InputError(
-            f"{name} is a damaged or unusual Radiance HDR file: its picture has no size, such as -Y 512 +X 1024"
-        )
-    first, second = (found.group(k, k + 1, k + 2) for k in (1, 4))
-    return exposure, primaries, [(sign, axis, int(count)) for sign, axis, count in (first, second)], end + 1
+        raise InputError(f"{name} {_DAMAGED}: its picture has no size, such as -Y 512 +X 1024")
+    axes = (found.group(k, k + 1, k + 2) for k in (1, 4))
+    return [(sign, axis, int(count)) for sign, axis, count in axes], end + 1
 
 
 @kernel
