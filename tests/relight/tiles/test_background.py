@@ -26,7 +26,7 @@ def far(tmp_path):
     parts = [rows[::2], rows[1::2]]
     for piece, part in enumerate(parts):
         arrays = {name: getattr(splats, name)[part] for name in NUMBERS}
-        Store(tmp_path).write_arrays(f"splats/far_{piece:05d}.npz", **arrays)
+        Store(tmp_path).write_arrays(f"splats/far_{piece:05d}.npz", offset=np.zeros(3), **arrays)
     corners = np.array([[-1, 0, -1], [-1, 0, 1], [1, 0, 1], [1, 0, -1]], np.float32)
     up = np.tile(np.float32([0, 1, 0]), (4, 1))
     square = Mesh(corners, up, np.int32([[0, 1, 2], [0, 2, 3]]), np.full((4, 3), 90, np.uint8))
