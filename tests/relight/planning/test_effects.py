@@ -9,7 +9,7 @@ import pytest
 from relight import Environment, Relighter, cli
 from relight.light.sun_split import split
 from relight.options import LightingOptions
-from relight.transfer import bounce_places, occluder, visibility
+from relight.transfer import bounce_places, kept_bounces, precomputed
 from relight.transfer.bounces import Interreflection, visible_fraction
 from relight.transfer.neighbors import Neighbors
 from relight.transfer.occluder import Occluder
@@ -261,8 +261,8 @@ def test_geometry_is_traced_once_for_all_lights_angles_and_albedos(scene, noon, 
         function = getattr(module, name)
         monkeypatch.setattr(module, name, lambda *args, **kw: [calls.append(name), function(*args, **kw)][1])
 
-    counted(occluder, "Occluder")
-    counted(visibility, "Visibility")
+    counted(kept_bounces, "Occluder")
+    counted(precomputed, "Visibility")
     counted(bounce_places.BouncePlaces, "shot")
     relighter = Relighter(scene, rays=8)
     assert calls == []
