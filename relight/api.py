@@ -31,7 +31,7 @@ from .engine.light_mix import LightKind
 from .engine.relighter import Relighter, Shaded
 from .jobs.folders import first_light, meshed_request, planned_request
 from .jobs.job import Job
-from .jobs.session import session_of
+from .jobs.session import check_session, session_of
 from .jobs.writer import Writer, report_of
 from .light.daylight import DaylightRequest
 from .light.environment import Environment
@@ -328,14 +328,13 @@ def estimate_albedo(
 
 def _relit(writer: Writer) -> RelitScene:
     shaded = next(writer.job.shaded())
-    light, shading, exposure = shaded[:3]
+    light, shading, exposure = writer.shown(shaded)[:3]
     report = report_of(writer.job, shaded)
     return RelitScene(writer.job.known.scene, shading.radiance, exposure, light, report, writer, shaded)
 
 
 def _session(request: RelightRequest, stages: Stages) -> "SessionRequest":
-    if len(request.angles_deg) > 1:
-        raise InputError("`angles_deg`: a session has one angle")
+    check_session(request)
     request, at_hand, _ = meshed_request(request, stages)
     session = session_of(Job(request.under(first_light(request)), stages, at_hand))
     stages.close()

@@ -240,6 +240,17 @@ def parser() -> argparse.ArgumentParser:
     sky = "far background of a relit splat: new (shows the new light), keep (as captured), drop "
     sky += f"(default: {RelightRequest.sky})"
     add("--sky", metavar="WHICH", help=sky)
+    part = (
+        "new light on this part alone: box:at=X,Y,Z,size=A,B,C or sphere:at=X,Y,Z,radius=R in the frame of the splat, "
+    )
+    part += "a .ply of it, a .npy or .txt of rows, column:NAME of the splat file, object:NAME of a layout; repeatable"
+    add("--only", action="append", metavar="SPEC|FILE", help=part)
+    add(
+        "--keep",
+        action="append",
+        metavar="SPEC|FILE",
+        help="new light on all but this part, as --only names it; repeatable",
+    )
     lights = "more lights for --format live and web, beside that of --env and the built-in ones"
     add("--lights", nargs="+", metavar="FILE|NAME", help=lights)
     quick = "stop at the first look at a splat: preview.png and relit_splat.ply in seconds, without a mesh"

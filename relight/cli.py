@@ -185,6 +185,7 @@ def _done(
         *done.notes,
         *map(str, done.files),
         *_doubt(done.reports[0]),
+        *_part(done.reports[0]),
         *_cleaned(done.reports[0]),
         *_assumed(done.job),
         *_lamps(done.job),
@@ -288,6 +289,15 @@ def _doubt(report: dict[str, Any]) -> list[str]:
     """The line of the summary on how far the estimate of the captured light can be trusted."""
     doubt = (report.get("capture") or {}).get("light_doubt_db")
     return [f"  captured light estimated: results ± {doubt:.1f} dB (--captured-light, --sheet)"] if doubt else []
+
+
+def _part(report: dict[str, Any]) -> list[str]:
+    """The line of the summary on a part that alone takes the new light, or alone does not."""
+    counts = (report.get("part") or {}).get("splats")
+    if counts is None:
+        return []
+    name = "only" if "only" in report["part"] else "keep"
+    return [f"  --{name}: {counts['part']:,} of {counts['all']:,} splats, and {counts['rim']:,} at the rim"]
 
 
 def _cleaned(report: dict[str, Any]) -> list[str]:

@@ -25,6 +25,7 @@ from .output.kinds import (
     HARMONICS,
     OUTPUTS,
     WITHOUT_LIGHT,
+    check_parts,
     kinds_with,
 )
 
@@ -104,6 +105,9 @@ class RelightRequest:
         Write `sheet.png`, which shows the capture, the albedo and all lights.
     sky : {"new", "keep", "drop"}
         Far background of a relit splat.
+    only, keep : sequence of str, path or array
+        Parts that alone take the new light, or that alone keep the captured one: texts, files, rows, masks or shares
+        (`splats.part_spec`).
     lights : sequence
         More lights for the page and the bundle.
     probe_at : sequence of (3,)
@@ -161,6 +165,8 @@ class RelightRequest:
     texture_size: int | None = None
     sheet: bool = False
     sky: str = "new"
+    only: Sequence[Any] = ()
+    keep: Sequence[Any] = ()
     lights: Sequence[AnyLight] = ()
     probe_at: Sequence[Any] = ()
     probes: str = ""
@@ -190,6 +196,7 @@ class RelightRequest:
         if self.capture_env is not None and "captured_light" in self.lighting.said:
             raise InputError("`captured_light`: it is a known light as `capture_env` is; give one of them")
         self._check_outputs()
+        check_parts(self)
         self._check_words()
         self._check_angles()
         if self.exposure_ev is not None and not abs(self.exposure_ev) <= MOST_EXPOSURE_EV:
@@ -203,9 +210,10 @@ class RelightRequest:
 
     def _bring_into_form(self) -> None:
         """Make tuples of lists, and one light of a list with one."""
-        if isinstance(self.inserted, (str, os.PathLike)):
-            self._set("inserted", (self.inserted,))
-        for name in ("angles_deg", "baked", "lights", "inserted", "probe_at"):
+        for name in ("inserted", "only", "keep"):
+            value = getattr(self, name)
+            self._set(name, tuple(value) if isinstance(value, (list, tuple)) else (value,))
+        for name in ("angles_deg", "baked", "lights", "probe_at"):
             self._set(name, tuple(getattr(self, name)))
         if self.formats is not None:
             self._set("formats", tuple(self.formats))

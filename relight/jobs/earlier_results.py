@@ -72,6 +72,8 @@ def settings_of(request: "RelightRequest", env: "AnyLight", angle_deg: float) ->
         "white_at": request.white_at,
         "exposure_ev": request.exposure_ev,
         "sky": request.sky,
+        "only": [_described_part(each) for each in request.only],
+        "keep": [_described_part(each) for each in request.keep],
     }
     lighting = request.lighting
     found.update({each.name: getattr(lighting, each.name) for each in fields(lighting)})
@@ -111,6 +113,13 @@ def _described_capture(request: "RelightRequest") -> Any:
         return _described(choice)
     found = light_file(choice, scene if isinstance(scene, (str, os.PathLike)) else getattr(scene, "path", None))
     return None if found is None else {**_described(found[0]), "name": found[1]}
+
+
+def _described_part(given: Any) -> Any:
+    """A part of the capture: an array or a file by its content, else its words."""
+    if isinstance(given, np.ndarray) or os.path.isfile(given):
+        return _described(given)
+    return {"name": str(given)}
 
 
 def _described_insert(asked: "AskedInsert") -> dict[str, Any]:

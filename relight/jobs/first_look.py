@@ -33,7 +33,9 @@ RELIT = "relit"
 
 def has_first_look(request: RelightRequest) -> bool:
     """Whether a picture is wanted that can be shown in advance."""
-    return _plain(request) and (request.formats is None or "png" in request.formats)
+    return (
+        _plain(request) and not (request.only or request.keep) and (request.formats is None or "png" in request.formats)
+    )
 
 
 def _plain(request: RelightRequest) -> bool:

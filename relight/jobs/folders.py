@@ -28,6 +28,8 @@ from ..light.daylight import DaylightRequest
 from ..light.environment import Environment
 from ..output.kinds import FILES, SHEET
 from ..request import AnyLight, RelightRequest
+from ..splats.part_spec import SplatFile
+from ..splats.parts import AskedPart
 from .earlier_results import check_results, is_first_look, is_results, settings_of
 from .first_look import RELIT, discard, has_first_look, refuse, write_first_looks
 from .job import Job
@@ -118,13 +120,18 @@ def _first_looks(request: RelightRequest, stages: Stages) -> RelitFiles:
 
 
 def _look_ahead(request: RelightRequest, stages: Stages) -> tuple[Capture | None, Path | None]:
-    """Show a splat that has no scene yet in the first of its lights, where that is possible: what was read of it, and
-    the folder of the picture."""
-    scene = request.scene
-    if not isinstance(scene, (str, os.PathLike)) or not has_first_look(request) or not os.path.exists(scene):
+    """Show a splat that has no scene yet in the first of its lights, where that is possible, or find a requested part:
+    what was read of it, and the folder of the picture."""
+    scene, part = request.scene, AskedPart.parse(request.only, request.keep)
+    shows = has_first_look(request)
+    if not isinstance(scene, (str, os.PathLike)) or not (shows or part) or not os.path.exists(scene):
         return None, None
     if not _is_one_splat(scene) or existing_scene(scene, request.meshing) is not None:
         return None, None
+    if part is not None:
+        capture = capture_of(scene, request.meshing, stages)
+        part.of_splats(SplatFile(capture.loaded, Path(scene)))  # or an InputError, before it is meshed
+        return capture, None
     lights = lights_of(request)
     folder = output_folders(replace(request, scene=default_folder(scene)), lights)[0]
     capture = capture_of(scene, request.meshing, stages)

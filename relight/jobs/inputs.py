@@ -26,6 +26,7 @@ from ..light.loading import light_of
 from ..options import DEFAULT_TOLERANCE, PLACE_TOLERANCE, LightingOptions
 from ..output.kinds import AROUND, DEFAULT_KINDS, FILES, OF_SPLATS, WITHOUT_LIGHT
 from ..request import RelightRequest
+from ..splats.parts import AskedPart
 from .meshing import SceneAtHand
 
 
@@ -50,7 +51,7 @@ class Inputs:
     @cached_property
     def read_scene(self) -> Scene:
         """The scene as read; of an animation its first frame."""
-        _ = self.environment, self.asked_lamps, self.asked_inserts  # or an InputError, before the scene is read
+        _ = self.environment, self.asked_lamps, self.asked_inserts, self.asked_part  # or an InputError, before any work
         if self._at_hand is not None:
             return self._at_hand.scene
         with self.stages.stage("load"):
@@ -69,6 +70,7 @@ class Inputs:
         """
         wanted = bool(set(OF_SPLATS) & set(self.request.formats or ()))
         asked = wanted or (self.of_splats and (bool(self.request.baked) or self.request.splat is not None))
+        asked = asked or (self.asked_part is not None and self.asked_part.needs_splats)
         if not asked and "sha256" not in self.read_scene.source:
             return None
         with self.stages.stage("load"):
@@ -115,6 +117,11 @@ class Inputs:
     def asked_inserts(self) -> list[AskedInsert]:
         """The inserted objects as requested."""
         return asked_inserts(self.request.inserted)
+
+    @cached_property
+    def asked_part(self) -> AskedPart | None:
+        """The part that takes the new light or keeps the captured one, as requested; None for all in the new light."""
+        return AskedPart.parse(self.request.only, self.request.keep)
 
     @cached_property
     def animation(self) -> Any:

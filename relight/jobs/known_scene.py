@@ -13,6 +13,7 @@ from splat2mesh.options import ConvertOptions
 from splat2mesh.render.view import View
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene
+from splat2mesh.scene.sources import source_parts
 from splat2mesh.splats.cleaning import clean, sound
 from splat2mesh.views.cameras import usable_views
 from splat2mesh.views.located import located_views
@@ -34,6 +35,8 @@ from ..request import RelightRequest
 from ..splats import Binding
 from ..splats.closed_floor import closed_floor
 from ..splats.floor_mirror import floor_mirror
+from ..splats.part_spec import Shares, SplatFile
+from ..splats.parts import PartShares
 from ..texture import own_texture
 from ..transfer.receivers import EVERY
 from ..transfer.store import Cache
@@ -68,6 +71,7 @@ class KnownScene:
         _ = self.inserted_meshes  # a broken object fails before any work
         if self.inputs.shows_splats:
             _ = self.inputs.splats  # so does a missing splat
+        _ = self._found_part  # and a part that is not there
         _ = self.pass_views
         if "usd" in (self._request.formats or ()):
             from ..output.usd import library
@@ -160,6 +164,34 @@ class KnownScene:
         if not self.inputs.shows_splats or self.inputs.splats is None or self.mirror is None:
             return None
         return self.mirror.as_dict()
+
+    @cached_property
+    def part(self) -> PartShares | None:
+        """The part that takes the new light, or all but the one that keeps the captured light; None for all."""
+        if self.inputs.asked_part is None:
+            return None
+        return PartShares.of(self.inputs.asked_part, self.scene, *(self._found_part or (None, None)))
+
+    @cached_property
+    def _found_part(self) -> tuple[SplatFile, Shares] | None:
+        """The splats, and the shares of the requested part, without a rim; None where it is known of vertices alone."""
+        asked = self.inputs.asked_part
+        if asked is None or not (self.inputs.shows_splats or asked.needs_splats) or self.inputs.splats is None:
+            return None
+        splats, paths = self.inputs.splats
+        file = SplatFile(splats, paths[0] if len(paths) == 1 else None, self._rows_of_objects)
+        return file, asked.of_splats(file)
+
+    def _rows_of_objects(self) -> dict[str, slice]:
+        """Rows of the splats of each object of a layout, by its name; none without a layout."""
+        scene = self.inputs.read_scene
+        if "objects" not in scene.source:
+            return {}
+        found, start = {}, 0
+        for each in source_parts(scene, self._request.splat):
+            found[each.name] = slice(start, start + len(each.splats))
+            start += len(each.splats)
+        return found
 
     @cached_property
     def gloss(self) -> SceneGloss | None:

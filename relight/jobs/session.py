@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from splat2mesh.base.errors import InputError
+
 from ..engine.appearance import CHOICES, LEAST_ALBEDO
 from ..engine.by_hand import LightByHand, can_be_set
 from ..engine.light_mix import LightBeside
@@ -18,6 +20,7 @@ from ..lamps.asked import AskedLamp
 from ..lamps.color import WHITE
 from ..lamps.shapes import SphereLamp
 from ..output.inserted_picture import with_objects
+from ..request import RelightRequest
 from ..splats.sky import far_splats
 from ..transfer.occluder import Frame
 from ..viewer.request import SessionRequest
@@ -34,6 +37,15 @@ if TYPE_CHECKING:
     from ..insert.inserts import InsertedLight
     from ..splats import Binding
     from ..splats.floor_mirror import FloorMirror
+
+
+def check_session(request: RelightRequest) -> None:
+    """Raise InputError for a request that no session shows."""
+    if len(request.angles_deg) > 1:
+        raise InputError("`angles_deg`: a session has one angle")
+    for name in ("only", "keep"):
+        if getattr(request, name):
+            raise InputError(f"`{name}`: a session shows the whole scene in its lights; leave it out")
 
 
 def session_of(job: Job) -> SessionRequest:

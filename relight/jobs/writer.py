@@ -83,6 +83,10 @@ class Writer:
         """The splats that the scene was made from, in its light."""
         return self._results.relit_splats(shaded)
 
+    def shown(self, shaded: Shaded) -> Shaded:
+        """The light as the mesh shows it: captured outside a part that alone takes the new one."""
+        return self._results.shown(shaded)
+
     def film(
         self, folder: str | os.PathLike[str], fps: float = 24.0, overwrite: bool = False
     ) -> tuple[str, dict[str, Any]]:
@@ -185,6 +189,7 @@ class Writer:
             light_around=job.light_around,
             light_parts=job.light_parts,
             pass_views=lambda: known.pass_views,
+            part=known.part,
         )
         return Results(written)
 
@@ -219,6 +224,7 @@ def report_of(job: Job, shaded: Shaded) -> dict[str, Any]:
         "env_scale": job.inputs.options.env_scale,
         "assumed": job.assumed,
         "open": job.inputs.options.opened,
+        "part": None if job.known.part is None else job.known.part.report,
         "albedo": job.inputs.choice_name,
         "capture": job.known.appearance.capture,
         "gloss": None if job.known.gloss is None else job.known.gloss.as_dict(job.known.appearance),

@@ -1,13 +1,16 @@
 """The register of outputs of relight, by the word of `--format`: their files, needs, options and writers."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+from splat2mesh.base.errors import InputError
 
 
 class Output(NamedTuple):
     """An output. file: its name. of_splats: whether it needs the splats of the scene. writer: what writes it and names
     its files, a key of `results.WRITERS`; "" for those that `results.Results` writes itself. relit: whether it shows
     the splats, where there are any, in the new light. options: fields of the request that have a meaning with it alone.
-    needs: a field without which it holds nothing, and why."""
+    needs: a field without which it holds nothing, and why. of_parts: whether it can show a part of the scene in the new
+    light."""
 
     file: str
     of_splats: bool = False
@@ -15,17 +18,18 @@ class Output(NamedTuple):
     relit: bool = False
     options: tuple[str, ...] = ()
     needs: tuple[str, str] | None = None
+    of_parts: bool = False
 
 
 OUTPUTS = {
-    "glb": Output("relit.glb", options=("live_mesh",)),
-    "ply": Output("relit.ply"),
-    "npy": Output("radiance.npy"),
-    "splat": Output("relit_splat.ply", True, relit=True),
+    "glb": Output("relit.glb", options=("live_mesh",), of_parts=True),
+    "ply": Output("relit.ply", of_parts=True),
+    "npy": Output("radiance.npy", of_parts=True),
+    "splat": Output("relit_splat.ply", True, relit=True, of_parts=True),
     "albedo-splat": Output("albedo_splat.ply", True, "engines"),
-    "splat-glb": Output("relit_splat.glb", True, "engines", True),
+    "splat-glb": Output("relit_splat.glb", True, "engines", True, of_parts=True),
     "usd": Output("relit_splat.usdc", True, "engines", True),
-    "png": Output("preview.png", relit=True),
+    "png": Output("preview.png", relit=True, of_parts=True),
     "live": Output("live/live.json", True, "live", options=("lights",)),
     "web": Output("relit.html", True, "live", options=("lights",)),
     "probe": Output("probe.exr", True, "around", True, ("probe_at", "probes")),
@@ -36,7 +40,7 @@ OUTPUTS = {
         True,
         needs=("inserted", "it holds the change that objects make; give an object, as `inserted`"),
     ),
-    "clean-splat": Output("clean_splat.ply", True, "clean"),
+    "clean-splat": Output("clean_splat.ply", True, "clean", of_parts=True),
     "passes": Output("passes.exr", False, "passes", options=("cameras", "color_space")),
 }
 
@@ -51,6 +55,17 @@ def written_by(writer: str) -> tuple[str, ...]:
 def kinds_with(option: str) -> tuple[str, ...]:
     """Return the words of the outputs for which a field of the request has a meaning; none where it has one anyway."""
     return tuple(word for word, each in OUTPUTS.items() if option in each.options)
+
+
+def check_parts(request: Any) -> None:
+    """Raise InputError where a request has a part, in `only` or `keep`, and something that is of the whole scene."""
+    name = "keep" if request.keep else "only"
+    if not (request.only or request.keep):
+        return
+    whole = [f"`{each}`" for each in ("inserted", "animated", "live_mesh") if getattr(request, each)]
+    whole += [f"`formats` {word}" for word in request.formats or () if word in OUTPUTS and not OUTPUTS[word].of_parts]
+    if whole:
+        raise InputError(f"{whole[0]}: it is of the whole scene in the new light; leave it or `{name}` out")
 
 
 AROUND, WITHOUT_LIGHT = written_by("around"), written_by("clean")

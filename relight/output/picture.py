@@ -97,7 +97,7 @@ class RelitPicture:
         layer = self._preview(True).layer(self._drawn.colors(check_radiance(self._scene, radiance)), exposure)
         return self._of_layer(*layer, environment, exposure, inset)
 
-    def of_texture(self, atlas: "Atlas", image: NDArray, environment: "Environment", exposure: float) -> NDArray:
+    def of_texture(self, atlas: "Atlas", image: NDArray, environment: "Environment | None", exposure: float) -> NDArray:
         """The same of the mesh in a texture: image (size, size, 3) uint8 sRGB, in the light of the environment."""
         return self._of_layer(*self._preview(False).texture_layer(atlas, image), environment, exposure, True)
 

@@ -24,6 +24,7 @@ from ..light.environment import Environment
 from ..splats import write_relit_ply
 from ..splats.binding import ROUNDS, Binding
 from ..splats.light_ratio import Usual
+from ..splats.parts import blended_splats
 from ..splats.sky import FarSplats, far_splats
 from ..transfer.store import array_key
 from .kinds import FILES
@@ -98,7 +99,13 @@ class RelitSource:
         return far_splats(splats, written.scene, written.appearance, mirror, self._cache, written.asked.sky)
 
     def relit(self, shaded: "Shaded") -> Splats:
-        """The splats in the new light, row by row those of the source, in its frame."""
+        """The splats in the new light, as far as they take it, row by row those of the source, in its frame."""
+        found, source, part = self._in_new_light(shaded), self._written.source, self._written.part
+        if part is None or part.splats is None or source is None:
+            return found
+        return blended_splats(source, found, part.splats)
+
+    def _in_new_light(self, shaded: "Shaded") -> Splats:
         far, look, light, exposure = self._far, self._written.appearance, shaded.light, shaded.exposure
         factor = exposure * shaded.backdrop
         if look.capture is not None and look.as_captured and shaded.environment > 0.0:

@@ -36,6 +36,7 @@ from .textures import SceneTextures
 if TYPE_CHECKING:
     from ..engine.relighter import Shaded
     from ..insert.inserts import InsertedLight
+    from ..light.environment import Environment
 
 BEFORE = "captured", "albedo"
 """Labels of the pictures before the lights on the sheet."""
@@ -58,7 +59,7 @@ class Results:
     """Writes the results of a scene, light after light."""
 
     def __init__(self, written: WrittenScene) -> None:
-        self._written, self._relit = written, RelitSource(written)
+        self._written, self._relit, self.shown = written, RelitSource(written), written.shown
         self._scene, self._stages, self._splats = written.scene, written.stages, written.source
         asked = written.asked
         # What is written as a splat is shown too.
@@ -82,8 +83,8 @@ class Results:
             glb = splats = None
             if "glb" in self._kinds:
                 facts["clipped_vertices"] = 0
-                glb = begun.enter_context(self._begin_glb(folder / FILES["glb"], shaded))
-            self._write_vertices(folder, shaded)
+                glb = begun.enter_context(self._begin_glb(folder / FILES["glb"], self.shown(shaded)))
+            self._write_vertices(folder, self.shown(shaded))
             relit = self._relit.relit(shaded) if self._splats is not None and self._shows_relit else None
             into = LitFolder(folder, shaded, relit, facts)
             if "splat" in self._kinds and relit is not None:
@@ -181,7 +182,7 @@ class Results:
 
     def _of_splats(self, picture: Any, relit: Splats, shaded: "Shaded") -> NDArray[np.uint8]:
         """A picture of relit splats with the inserted objects."""
-        light = shaded.sky
+        light = self._behind(shaded)
         if shaded.inserted is not None:
             floor = self._relit.floor_under(shaded.inserted, shaded.exposure)
             relit = with_objects(relit, shaded.inserted, shaded.exposure, picture.view, self._scene, floor=floor)
@@ -193,14 +194,20 @@ class Results:
 
     def _painted(self, relit: Splats | None, shaded: "Shaded") -> NDArray[np.uint8]:
         """The picture, (H, W, 3) uint8: of the relit splats, else of the texture, else of the mesh, as there are."""
-        light = shaded.sky
+        light = self._behind(shaded)
         exposure, behind = shaded.exposure, shaded.exposure * shaded.backdrop
         self._picture = self._picture or self._new_picture(None)
         if relit is not None:
             return self._of_splats(self._picture, relit, shaded)
+        mesh = self.shown(shaded)
         if self._shows_texture:
-            return self._picture.of_texture(*self._textures.painter(shaded), light, behind)
-        return self._picture.of_vertices(shaded.shading.radiance, light, exposure)
+            return self._picture.of_texture(*self._textures.painter(mesh), light, behind)
+        return self._picture.of_vertices(mesh.shading.radiance, light, exposure)
+
+    def _behind(self, shaded: "Shaded") -> "Environment | None":
+        """The light that pictures show behind the scene; None where all but a part keeps the captured light."""
+        part = self._written.part
+        return shaded.sky if part is None or part.kept else None
 
     def add_to_sheet(self, shaded: "Shaded") -> None:
         """Keep the picture of a light that was just written, in half its size, for the sheet."""

@@ -14,6 +14,7 @@ from splat2mesh.render.view import View
 from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.splats import Splats
 
+from ..splats.parts import PartShares, blended
 from .lamps_glb import NO_LAMPS, PlacedLamps
 
 if TYPE_CHECKING:
@@ -60,7 +61,8 @@ class WrittenScene:
     returns the FloorMirror of the splats, or None. texture: returns the Baked texture of mesh.glb, or None; made when
     it is needed without. light_around: returns the LightAround of one of the lights. light_parts: of one of them, what
     vertices send out by the way that its light came: those but `kinds.SUN`, which is a part of another, are all of it.
-    pass_views: returns the cameras of passes, frame of the scene; None is that of the preview.
+    pass_views: returns the cameras of passes, frame of the scene; None is that of the preview. part: what takes the new
+    light; None for all.
     """
 
     relighter: "Relighter"
@@ -77,6 +79,19 @@ class WrittenScene:
     light_around: "Callable[[Shaded], LightAround] | None" = None
     light_parts: "Callable[[Shaded], LightParts] | None" = None
     pass_views: Callable[[], Sequence[View] | None] = lambda: None
+    part: PartShares | None = None
+
+    def shown(self, shaded: "Shaded") -> "Shaded":
+        """The light as the mesh shows it: new in the part that takes it, captured in the rest."""
+        if self.part is None:
+            return shaded
+        look, shading, shares = self.appearance, shaded.shading, self.part.vertices
+        received = shading.received
+        if received is None:
+            received = look.received(shading.radiance, shaded.exposure)
+        captured, before = (each / shaded.exposure for each in (look.captured, look.irradiance))
+        radiance, received = blended(captured, shading.radiance, shares), blended(before, received, shares)
+        return shaded._replace(shading=shading._replace(radiance=radiance, received=received))
 
     @property
     def scene(self) -> Scene:

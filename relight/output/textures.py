@@ -66,7 +66,7 @@ class SceneTextures:
     def write(self, into: LitFolder) -> list[str]:
         """Write the textured meshes of --bake, relit and as albedo, and on request the transfer; returns the names of
         the files."""
-        folder, shaded, baked, part = into.path, into.shaded, self._baked, self._part
+        folder, shaded, baked, part = into.path, self._written.shown(into.shaded), self._baked, self._part
         light = shaded.light
         with self._stages.stage("write"):
             extras = {"environment": light.name, "angle_deg": light.rotation_deg, "exposure": shaded.exposure}

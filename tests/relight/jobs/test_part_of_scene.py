@@ -1,0 +1,150 @@
+"""New light on a part of a scene: what its files hold, and what is refused before any is written."""
+
+import json
+
+import numpy as np
+import pytest
+from ball_splats import solid_ball
+
+from relight import relight_scene
+from relight.cli import main
+from relight.splats import write_relit_ply
+from splat2mesh.scene.mesh import Mesh
+from splat2mesh.scene.scene import Scene
+from splat2mesh.splats.formats import read_splats, write_inria_ply, write_splats
+
+LIGHT = ["--env", "noon", "--method", "analytic", "--bands", "3"]
+PART = "box:at=0,-1,0,size=8,1.5,8"
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory):
+    """A folder with ball.ply and its mesh, the whole ball relit in `whole`, a part of it in `part`, the rest in
+    `rest`."""
+    folder = tmp_path_factory.mktemp("part")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        write_inria_ply("ball.ply", solid_ball())
+        formats = ["--format", "splat", "glb", "npy", "ply", "png", "-o"]
+        for name, words in (("part", ["--only", PART]), ("rest", ["--keep", PART]), ("whole", [])):
+            assert main(["ball.ply", *LIGHT, *words, *formats, name]) == 0
+    return folder
+
+
+@pytest.fixture
+def here(scene, monkeypatch):
+    monkeypatch.chdir(scene)
+    return scene
+
+
+def rows_of(path):
+    """The rows of an INRIA PLY as bytes, by its header alone."""
+    header, body = path.read_bytes().split(b"end_header\n", 1)
+    width = 4 * header.count(b"property float")
+    return np.frombuffer(body, np.uint8).reshape(-1, width)
+
+
+def test_outside_the_part_and_its_rim_the_splat_file_keeps_every_bit(here):
+    captured = read_splats("ball.ply")
+    write_relit_ply(here / "captured.ply", captured, here / "ball.ply")
+    before, after = rows_of(here / "captured.ply"), rows_of(here / "part" / "relit_splat.ply")
+    np.testing.assert_array_equal(before, rows_of(here / "ball.ply"))
+    report = json.loads((here / "part" / "report.json").read_text())["part"]
+    same = (before == after).all(axis=1)
+    inside = np.abs(captured.means[:, 1] + 1) <= 0.75
+    assert report["only"] == [PART] and report["splats"]["part"] == inside.sum() > 500
+    assert not same[inside].any() and (~same & ~inside).sum() == report["splats"]["rim"] > 50
+    whole = rows_of(here / "whole" / "relit_splat.ply")
+    np.testing.assert_array_equal(after[inside], whole[inside])
+    rim = ~same & ~inside
+    assert np.abs(captured.means[rim, 1] + 1).max() < 0.75 + 0.4  # three splats are .26 apart
+
+
+def test_what_is_kept_keeps_every_bit_and_the_rest_is_relit(here):
+    before, after = rows_of(here / "ball.ply"), rows_of(here / "rest" / "relit_splat.ply")
+    whole = rows_of(here / "whole" / "relit_splat.ply")
+    inside = np.abs(read_splats("ball.ply").means[:, 1] + 1) <= 0.75
+    np.testing.assert_array_equal(after[inside], before[inside])
+    relit = (after == whole).all(axis=1)
+    rim = json.loads((here / "rest" / "report.json").read_text())["part"]["splats"]["rim"]
+    assert (~relit & ~inside).sum() == rim
+
+
+def test_vertices_show_the_part_too(here):
+    part, whole = (np.load(here / name / "radiance.npy") for name in ("part", "whole"))
+    scene = Scene.load("ball")
+    exposure = json.loads((here / "part" / "report.json").read_text())["exposure"]
+    captured = scene.colors_linear / np.float32(exposure)
+    height = (scene.vertices @ np.linalg.inv(scene.scene_from_splat)[:3, :3].T)[:, 1]
+    inside, far = np.abs(height + 1) <= 0.749, np.abs(height + 1) > 1.0
+    np.testing.assert_array_equal(part[inside], whole[inside])
+    np.testing.assert_array_equal(part[far], captured[far])
+    assert (here / "part" / "preview.png").read_bytes() != (here / "whole" / "preview.png").read_bytes()
+
+
+def test_a_part_is_a_setting_of_the_results(here, capsys):
+    assert main(["ball", *LIGHT, "--only", "sphere:0,-2,0,radius=1", "-o", "part"]) == 2
+    assert "--only box" in capsys.readouterr().err
+    assert main(["ball", *LIGHT, "--only", PART, "--format", "splat-glb", "-o", "part"]) == 0
+    assert "splats, and" in capsys.readouterr().out
+
+
+def test_rows_of_an_spz_keep_their_bits(here, monkeypatch):
+    (here / "packed").mkdir(exist_ok=True)
+    monkeypatch.chdir(here / "packed")
+    write_splats("ball.spz", solid_ball(), "spz")
+    rows = np.flatnonzero(solid_ball().means[:, 1] > 1.2)
+    np.save("rows.npy", rows)
+    assert main(["ball.spz", *LIGHT, "--format", "splat", "--only", "rows.npy", "-o", "out"]) == 0
+    before, after = read_splats("ball.spz"), read_splats("out/relit_splat.spz")
+    same = (before.sh == after.sh).all(axis=(1, 2))
+    counts = json.loads((here / "packed" / "out" / "report.json").read_text())["part"]["splats"]
+    assert counts["part"] == len(rows)
+    assert len(rows) < (~same).sum() + 20 and (~same).sum() <= len(rows) + counts["rim"]
+
+
+def test_a_mesh_without_splats_has_parts_of_space():
+    grid = np.linspace(-1, 1, 9)
+    x, z = (each.ravel() for each in np.meshgrid(grid, grid, indexing="ij"))
+    cells = np.arange(8)[:, None] * 9 + np.arange(8)
+    faces = (cells.reshape(-1, 1) + np.array([0, 1, 10, 0, 10, 9])).reshape(-1, 3).astype(np.int32)
+    points = np.stack([x, 0 * x, z], axis=1).astype(np.float32)
+    normals = np.tile(np.float32([0, 1, 0]), (81, 1))
+    mesh = Mesh(points, normals, faces, np.full((81, 3), 128, np.uint8))
+    asked = {"options": "analytic", "bands": 3, "caching": "none"}
+    whole = relight_scene(mesh, "noon", **asked)
+    part = relight_scene(mesh, "noon", only="box:at=0.5,0,0,size=1,1,3", **asked)
+    np.testing.assert_array_equal(part.radiance[x >= 0], whole.radiance[x >= 0])
+    np.testing.assert_allclose(part.radiance[x < -0.6] * part.exposure, whole.scene.colors_linear[x < -0.6], rtol=1e-6)
+    assert part.report["part"]["vertices"]["all"] == 81
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--only", "box:at=9,9,9,size=1,1,1"], "--only box:at=9,9,9,size=1,1,1: none of 3,000 splats lies in it"),
+        (["--keep", "column:mask"], "--keep column:mask: ball.ply has no column mask"),
+        (["--only", "rows.txt"], "row 3000: the capture has the rows 0 to 2,999"),
+        (["--only", "away.ply"], "--only away.ply: none of its 3,000 points lies in a splat of the capture"),
+        (["--only", "sphere:0,0,0"], "a sphere has at and radius, found at"),
+        (["--only", "nowhere.ply"], "found no such file"),
+        (["--only", PART, "--keep", PART], "--only: it replaces --keep"),
+        (["--only", PART, "--insert", "ball.ply"], "--insert: it is of the whole scene"),
+        (["--only", PART, "--format", "web"], "--format web: it is of the whole scene"),
+        (["--only", PART, "--format", "glb", "--live"], "--live: it is of the whole scene"),
+        (["--only", PART, "--view"], "--only: a session shows the whole scene"),
+        (["--only", PART, "--quick"], "--only: a first look does not heed it"),
+    ],
+)
+def test_a_part_that_is_not_there_is_refused_in_one_line_before_anything_is_written(
+    tmp_path, monkeypatch, capsys, words, message
+):
+    monkeypatch.chdir(tmp_path)
+    ball = solid_ball()
+    write_inria_ply("ball.ply", ball)
+    write_inria_ply("away.ply", type(ball)(ball.means + 50, ball.scales, ball.quats_wxyz, ball.opacities, ball.sh))
+    (tmp_path / "rows.txt").write_text("0 1 3000")
+    assert main(["ball.ply", *LIGHT, *words]) == 2
+    said = capsys.readouterr().err
+    assert message in said and said.count("\n") == 1
+    assert {entry.name for entry in tmp_path.iterdir()} == {"ball.ply", "away.ply", "rows.txt"}
