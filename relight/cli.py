@@ -161,10 +161,8 @@ def _done(
         without_blas()
     without_c_functions()
 
-    if is_city(request):
-        for name in ("plan", "view", "screenshot", "serve"):
-            if hasattr(words, name):
-                raise InputError(f"--{name}: not supported for a city in tiles; leave it out")
+    if is_city(request) or request.sequence:
+        _refuse_sessions(words, "a sequence" if request.sequence else "a city in tiles")
     elif port is not None and _is_page(Path(words.scene)):
         return _page_served(Path(words.scene), port, display)
     compile_without_collector()
@@ -195,6 +193,13 @@ def _done(
         lines += done.job.plan.table() if done.job.plan else []
         lines += [f"  {label:<12}{seconds:7.2f} s" for label, seconds in stages.seconds.items()]
     return lines, {"outputs": [str(folder) for folder in done.folders], "reports": done.reports}
+
+
+def _refuse_sessions(words: argparse.Namespace, scene: str) -> None:
+    """Raise InputError for a plan or a session of a kind of scene that has none."""
+    for name in ("plan", "view", "screenshot", "serve"):
+        if hasattr(words, name):
+            raise InputError(f"--{name}: not supported for {scene}; leave it out")
 
 
 def _check_session(words: argparse.Namespace, port: int | None) -> None:

@@ -106,8 +106,7 @@ class RelightRequest:
     sky : {"new", "keep", "drop"}
         Far background of a relit splat.
     only, keep : sequence of str, path or array
-        Parts that alone take the new light, or that alone keep the captured one: texts, files, rows, masks or shares
-        (`splats.part_spec`).
+        Parts that alone take the new light, or alone keep the captured one, as of `splats.part_spec`.
     lights : sequence
         More lights for the page and the bundle.
     probe_at : sequence of (3,)
@@ -139,6 +138,8 @@ class RelightRequest:
         Replace results of other settings.
     quick : bool
         Stop at the first look at a splat file: a picture and a relit splat within seconds, without a mesh.
+    sequence : bool
+        The scene is a folder of numbered splats, frames of one capture in motion.
 
     Raises
     ------
@@ -184,6 +185,7 @@ class RelightRequest:
     output: str | os.PathLike[str] | None = None
     overwrite: bool = False
     quick: bool = False
+    sequence: bool = False
 
     def __post_init__(self) -> None:
         self._bring_into_form()

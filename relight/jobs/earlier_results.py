@@ -175,6 +175,11 @@ class Earlier:
             problem = f"{folder} holds results of other settings ({'; '.join(differing)})"
             raise InputError(f"{problem}: choose another `output`, or replace them with `overwrite`")
 
+    @property
+    def kept(self) -> dict[str, Any]:
+        """The report of earlier results of the same settings; empty without any."""
+        return self._report if self._same else {}
+
     def joined(self, report: dict[str, Any]) -> dict[str, Any]:
         """Return a report of new results together with those that stay, its `files` those of both.
 

@@ -34,6 +34,7 @@ from .earlier_results import check_results, is_first_look, is_results, settings_
 from .first_look import RELIT, discard, has_first_look, refuse, write_first_looks
 from .job import Job
 from .meshing import SceneAtHand, existing_scene, is_splat, refuse_meshing, scene_at_hand
+from .sequence import SplatSequence
 from .writer import Writer
 
 CITY = "city.json"
@@ -82,6 +83,8 @@ def relight_files(request: RelightRequest, stages: Stages | None = None) -> Reli
     with recorded_warnings() as messages:
         if request.quick:
             return _first_looks(request, stages)
+        if request.sequence:
+            return _relit_sequence(request, stages, messages)
         capture, shown = _look_ahead(request, stages)
         try:
             request, at_hand, notes = meshed_request(request, stages, capture)
@@ -231,6 +234,17 @@ def output_folders(request: RelightRequest, lights: list[AnyLight]) -> list[Path
     if request.sheet and len(folders) > 1:  # of the same lights it would be the same
         check_output(folders[0].parent / SHEET, request.overwrite or all(map(is_results, folders)))
     return folders
+
+
+def _relit_sequence(request: RelightRequest, stages: Stages, messages: list[str]) -> RelitFiles:
+    sequence = SplatSequence.of(request, stages)
+    lights = lights_of(sequence.request)
+    folders, each = output_folders(sequence.request, lights), len(request.angles_deg)
+    work = [(light, folders[number * each : (number + 1) * each]) for number, light in enumerate(lights)]
+    reports, job = sequence.write(work, messages)
+    resting, count = len(sequence.resting), len(sequence.frames)
+    notes = [*sequence.notes, f"{count} frames, of which {count - resting} move"]
+    return RelitFiles(folders, reports, notes=notes, job=job)
 
 
 def _relit(

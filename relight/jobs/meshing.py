@@ -77,18 +77,22 @@ def is_splat(path: str | os.PathLike[str]) -> bool:
 
 
 def scene_at_hand(
-    splat: str | os.PathLike[str], options: ConvertOptions, stages: Stages, capture: Capture | None = None
+    splat: str | os.PathLike[str],
+    options: ConvertOptions,
+    stages: Stages,
+    capture: Capture | None = None,
+    folder: Path | None = None,
 ) -> tuple[SceneAtHand, list[str]]:
     """Return the scene of a splat, whose folder is in the current one, made if missing, and lines of a summary.
 
-    capture: of the splat, where it was read before. Raises InputError where another thing has its name, where the
-    folder was made with other options, and for a splat that cannot be used.
+    capture: of the splat, where it was read before. folder: by another name. Raises InputError where another thing has
+    its name, where the folder was made with other options, and for a splat that cannot be used.
     """
     splat = Path(splat)
-    known = existing_scene(splat, options)
+    known = existing_scene(splat, options, folder)
     if known is not None:
         return known, [f"{known.folder}: the existing scene of {splat}"]
-    folder = Path(default_folder(splat))
+    folder = folder or Path(default_folder(splat))
     if is_layout(splat):
         scene = convert(splat, options, stages=stages)
     else:
@@ -102,9 +106,11 @@ def scene_at_hand(
     return SceneAtHand(scene, splat, None if capture is None else capture.loaded), summary_of(scene, folder)
 
 
-def existing_scene(splat: str | os.PathLike[str], options: ConvertOptions) -> SceneAtHand | None:
-    """Return the scene that a splat has already, or None. Errors as of `scene_at_hand`."""
-    folder = Path(default_folder(splat))
+def existing_scene(
+    splat: str | os.PathLike[str], options: ConvertOptions, folder: Path | None = None
+) -> SceneAtHand | None:
+    """Return the scene that a splat has already, or None. Arguments and errors as of `scene_at_hand`."""
+    folder = folder or Path(default_folder(splat))
     if not os.path.lexists(folder) or (folder.is_dir() and first_looks_alone(folder)):
         return None
     scene = _checked_scene(folder, Path(splat))

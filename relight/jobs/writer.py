@@ -30,6 +30,7 @@ from ..light.loading import light_of
 from ..light.skies import BUILTIN
 from ..options import LightingOptions, lamp_name
 from ..output.kinds import PICTURE_SIZE
+from ..output.relit_splats import RelitSource
 from ..output.results import Results
 from ..output.subject import AskedFiles, WrittenScene
 from ..request import AnyLight
@@ -78,6 +79,11 @@ class Writer:
     def write_sheet(self, folder: str | os.PathLike[str]) -> Path:
         """Write all lights so far side by side, with what was captured; returns the path of the picture."""
         return Path(folder) / self._results.write_sheet(Path(folder))
+
+    @property
+    def source(self) -> RelitSource:
+        """The splats that the scene was made from, to be relit."""
+        return self._results.source
 
     def relit_splats(self, shaded: Shaded) -> Splats:
         """The splats that the scene was made from, in its light."""

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -97,6 +98,15 @@ class RelitSource:
         assert splats is not None  # not called otherwise
         mirror = written.mirror()
         return far_splats(splats, written.scene, written.appearance, mirror, self._cache, written.asked.sky)
+
+    def at_rest(self, splats: Splats, path: Path) -> "RelitSource":
+        """That of splats that show the same at rest: row by row the same ones, of which a file has other colours."""
+        bound = self._written.binding
+        other = RelitSource(
+            replace(self._written, splats=(splats, [path]), binding=lambda: bound().recoloured(splats), gloss=None)
+        )
+        other._far = self._far._replace(source=splats)
+        return other
 
     def relit(self, shaded: "Shaded") -> Splats:
         """The splats in the new light, as far as they take it, row by row those of the source, in its frame."""

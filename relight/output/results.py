@@ -251,6 +251,11 @@ class Results:
         white = np.ones_like(irradiance)
         return np.asarray(self._picture.of_splats(self._written.binding().relit(irradiance, white), None, 1.0))
 
+    @property
+    def source(self) -> RelitSource:
+        """The splats of the scene, in any of its lights."""
+        return self._relit
+
     def relit_splats(self, shaded: "Shaded") -> Splats:
         """The splats in the new light, row by row those of the source, in its frame."""
         return self._relit.relit(shaded)

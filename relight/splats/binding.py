@@ -2,6 +2,7 @@
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from dataclasses import replace
 from functools import cached_property
 from typing import Any
@@ -103,6 +104,17 @@ class Binding:
         clear = looks.blending.drawn(below[self._drawn])[looks.known, 0] < LEAST_SHARE
         self._looks = looks._replace(known=looks.known[clear], corners=looks.corners[clear], uv=looks.uv[clear])
         return self
+
+    def recoloured(self, splats: Splats) -> "Binding":
+        """The same binding of other Splats, row by row in the same places, of which only the colours count.
+
+        Raises InputError for another number of splats.
+        """
+        if splats.sh.shape != self._splats.sh.shape:
+            raise InputError(f"expected the {len(self._splats)} splats that are bound, found {len(splats)}")
+        other = copy(self)
+        other._splats, other.shown = splats, splats if self.lit.all() else splats.take(self.lit)
+        return other
 
     def _restore(self, kept: Mapping[str, NDArray[Any]]) -> "Binding":
         """Take over what was kept. Raises InputError or KeyError for what does not fit."""

@@ -1,0 +1,136 @@
+"""A sequence of splats in a new light: one captured light for all frames, and what an interrupted run leaves."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from ball_splats import solid_ball
+
+from relight.cli import main
+from relight.jobs.sequence import FrameFolder
+from splat2mesh.splats.formats import read_splats, write_inria_ply, write_splats
+
+LIGHT = ["--sequence", "--env", "noon", "--method", "analytic", "--bands", "3", "--vertices", "4000"]
+STILL = [f"f_{number:02d}.ply" for number in range(10)]
+MOVED = "f_10.ply"
+NOISE = 0.05
+"""Of the constant coefficients: 1.4% of white."""
+
+
+def frames(folder):
+    """Ten frames of a ball at rest with noise of their own, and one in which it is elsewhere."""
+    folder.mkdir()
+    ball, rng = solid_ball(), np.random.default_rng(0)
+    for name in STILL:
+        noise = NOISE * rng.standard_normal(ball.sh.shape, np.float32)
+        shake = 0.1 * ball.scales.max(axis=1, keepdims=True) * rng.uniform(-1, 1, ball.means.shape)
+        write_inria_ply(folder / name, replace(ball, sh=ball.sh + noise, means=ball.means + shake))
+    write_inria_ply(folder / MOVED, replace(ball, means=ball.means + np.float32([3.0, 0.0, 1.0])))
+
+
+@pytest.fixture(scope="module")
+def lit(tmp_path_factory):
+    """The frames in `frames`, and in the new light in `out`."""
+    folder = tmp_path_factory.mktemp("sequence")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        frames(folder / "frames")
+        assert main(["frames", *LIGHT, "-o", "out"]) == 0
+    return folder
+
+
+def light_of(splats):
+    """Log of display values, lifted as light is by the sRGB curve: (N, 3)."""
+    return 2.4 * np.log(np.maximum(splats.colors_diffuse, 0.0) + 0.055)
+
+
+def test_the_light_of_what_rests_flickers_less_than_the_capture(lit):
+    before = np.stack([light_of(read_splats(lit / "frames" / name)) for name in STILL])
+    after = np.stack([light_of(read_splats(lit / "out" / name)) for name in STILL])
+    seen = np.linalg.norm(solid_ball().means, axis=1) > 1.9
+    noise, flicker = (np.sqrt(np.var(each[:, seen], axis=0).mean()) for each in (before, after - before))
+    assert noise > 0.02 and np.abs((after - before)[:, seen]).mean() > 0.1
+    assert flicker < 0.5 * noise  # below the capture's own, by a margin: the fit follows a part of the noise
+
+
+def test_a_frame_elsewhere_has_the_light_of_the_first(lit):
+    report = json.loads((lit / "out" / "report.json").read_text())
+    states = {name: entry["state"] for name, entry in report["frames"].items()}
+    assert states == dict.fromkeys(STILL, "at rest") | {MOVED: "moving"}
+    still = np.mean([read_splats(lit / "out" / name).colors_diffuse for name in STILL], axis=0)
+    moved, captured = read_splats(lit / "out" / MOVED).colors_diffuse, solid_ball().colors_diffuse
+    seen = np.linalg.norm(solid_ball().means, axis=1) > 1.9
+    assert np.abs(moved - still)[seen].mean() < 0.02 < 0.05 < np.abs(still - captured)[seen].mean()
+
+
+def test_only_colours_change(lit):
+    for name in (STILL[3], MOVED):
+        before, after = (read_splats(lit / folder / name) for folder in ("frames", "out"))
+        for field in ("means", "scales", "quats_wxyz", "opacities"):
+            np.testing.assert_array_equal(getattr(before, field), getattr(after, field))
+
+
+def test_an_interrupted_run_goes_on_where_it_stopped(lit, monkeypatch):
+    monkeypatch.chdir(lit)
+    done, write = [], FrameFolder.write
+
+    def stopped(self, frame, *rest):
+        if len(done) == 4:
+            raise KeyboardInterrupt
+        done.append(frame.number)
+        write(self, frame, *rest)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(FrameFolder, "write", stopped)
+        assert main(["frames", *LIGHT, "-o", "again"]) != 0
+    assert sorted(path.name for path in (lit / "again").iterdir()) == [*STILL[:4], "report.json"]
+    kept = {path.name: path.stat().st_mtime_ns for path in (lit / "again").glob("*.ply")}
+    (lit / "again" / STILL[2]).unlink()
+    assert main(["frames", *LIGHT, "-o", "again"]) == 0
+    for name in (*STILL, MOVED):
+        assert (lit / "again" / name).read_bytes() == (lit / "out" / name).read_bytes()
+    for name in (STILL[0], STILL[1], STILL[3]):
+        assert (lit / "again" / name).stat().st_mtime_ns == kept[name]
+
+
+def test_results_of_another_light_are_not_mixed(lit, monkeypatch, capsys):
+    monkeypatch.chdir(lit)
+    words = [word if word != "noon" else "sunset" for word in LIGHT]
+    assert main(["frames", *words, "-o", "out"]) == 2
+    assert "holds results of other settings" in capsys.readouterr().err
+
+
+def test_frames_keep_their_format_and_each_angle_has_a_folder(lit, monkeypatch, capsys):
+    monkeypatch.chdir(lit)
+    (lit / "packed").mkdir()
+    for number in (1, 3):
+        write_splats(lit / "packed" / f"{number}.spz", solid_ball(), "spz")
+    (lit / "packed" / "2.spz").write_bytes(b"")
+    assert main(["packed", *LIGHT, "--rotate", "0:90:90"]) == 0
+    assert "frame 2 is left out" in capsys.readouterr().err
+    for angle in (0, 90):
+        found = {path.name for path in (lit / "packed_scene" / "relit" / f"noon_{angle}").iterdir()}
+        assert found == {"1.spz", "3.spz", "report.json"}
+    assert len(read_splats(lit / "packed_scene" / "relit" / "noon_90" / "3.spz")) == 3000
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["f_00.ply", "--sequence"], "--sequence: expected a folder of numbered splat files, found f_00.ply"),
+        ([".", "--sequence", "--only", "f_00.ply"], "--only: a sequence does not heed it"),
+        ([".", "--sequence", "--format", "glb"], "--format: a sequence has splat alone"),
+        ([".", "--sequence", "--plan"], "--plan: not supported for a sequence"),
+        ([".", "--sequence", "--sheet"], "--sheet: a sequence does not heed it"),
+        ([".", "--sequence"], "several formats (1 ply, 1 spz)"),
+    ],
+)
+def test_what_is_no_sequence_is_refused_before_anything_is_written(tmp_path, monkeypatch, capsys, words, message):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "f_00.ply").write_bytes(b"")
+    (tmp_path / "f_01.spz").write_bytes(b"")
+    assert main(words) == 2
+    said = capsys.readouterr().err
+    assert message in said and said.count("\n") == 1
+    assert {entry.name for entry in tmp_path.iterdir()} == {"f_00.ply", "f_01.spz"}
