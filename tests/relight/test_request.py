@@ -18,7 +18,7 @@ from splat2mesh.base.errors import InputError
 from splat2mesh.base.requests import option_names
 from splat2mesh.options import ConvertOptions, TilingOptions
 
-CALLS = {"help", "version", "completion", "plan", "tiles"}
+CALLS = {"help", "version", "completion", "plan", "plot", "tiles"}
 """Options that choose what is called, and are no setting of it."""
 
 OF_INSERT = {"turn", "scale", "on"}
