@@ -120,7 +120,7 @@ def planes_of(splats: Splats, middle: Vector, reach: float, band: float, pixel: 
     rng = np.random.default_rng(0)
     distance = np.linalg.norm(splats.means - middle, axis=1)
     chances = (_areas(splats) / (1 + (distance / reach) ** 2) ** 2).cumsum()
-    if len(chances) == 0 or not chances[-1] > 0:
+    if len(chances) == 0 or not (chances[-1] > 0 and band > 0):
         return []
     rows = np.searchsorted(chances, rng.random(SAMPLE) * chances[-1])
     drawn = Gaussians.of(splats, np.minimum(rows, len(chances) - 1))
@@ -131,7 +131,7 @@ def planes_of(splats: Splats, middle: Vector, reach: float, band: float, pixel: 
         if fit is None:
             break
         on = np.abs(drawn.centers @ fit.normal - fit.offset) < SIGMAS * fit.noise
-        if fit.noise < fit.extent and fit.gaussians >= LEAST_GAUSSIANS:
+        if fit.gaussians >= LEAST_GAUSSIANS:
             planes.append(_bounded(splats, _sharpened(drawn.take(left & on), fit, pixel), pixel, level))
             left &= ~on
             failed = 0

@@ -60,7 +60,7 @@ class PackedPlanes(NamedTuple):
             slope = rays @ plane.normal
             before = (points @ plane.normal - plane.offset) * -np.sign(slope)
             near = np.flatnonzero(np.abs(before) < band)
-            crossing = points[near] + rays[near] * (before[near] / np.abs(slope[near]))[:, None]
+            crossing = points[near] + rays[near] * (before[near] / np.maximum(np.abs(slope[near]), 1e-9))[:, None]
             near = near[_solid_at(plane, crossing)]
             fog = _fog(before[near], band, plane.noise)
             if fog is not None and fog[1] < EVEN * band / 2:
@@ -112,7 +112,8 @@ def band_of(views: Sequence[View], seen: Sequence[FieldDepth]) -> float:
     thickness = np.concatenate(
         [thickness_of(each, view).ravel()[::SAMPLED] for view, each in zip(views, seen, strict=True)]
     )
-    return SIGMAS * float(np.percentile(thickness[np.isfinite(thickness)], THIN))
+    known = thickness[np.isfinite(thickness)]
+    return SIGMAS * float(np.percentile(known, THIN)) if len(known) else 0.0
 
 
 def _sampled(views: Sequence[View], seen: Sequence[FieldDepth]) -> tuple[Floats, Floats]:
