@@ -12,7 +12,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from ..base.arrays import Floats, Integers, Mask, Points, Vector
+from ..base.arrays import Floats, Mask, Points, Vector
 from ..splats.splats import Splats
 
 SAMPLE, SKETCH = 40_000, 4_000
@@ -30,10 +30,13 @@ ROUGH, FINE = 6, 12
 SIGMAS = 3.0
 """Standard deviations within which a thing is where it is expected: 997 times in 1,000."""
 
-LEAST_GAUSSIANS = 200.0
-"""Gaussians of the sample that a plane needs: half a percent of the area of the place."""
+LEAST_GAUSSIANS = SAMPLE / 32
+"""Gaussians of the sample that a plane needs. Chance planes through furniture and hedges hold up to a fortieth."""
 
-MOST_FAILED = 8
+LEAST_FITTED = 50
+"""Gaussians that a fit needs."""
+
+MOST_FAILED = 5
 """Fits one after the other that give no plane, after which there are no more."""
 
 CELL_PIXELS, MOST_CELLS = 4.0, 2_000
@@ -41,9 +44,6 @@ CELL_PIXELS, MOST_CELLS = 4.0, 2_000
 
 NARROWING = 0.8
 """Factor on the width within which density is sought, from step to step."""
-
-AROUND = 7
-"""Cells along the side of the squares whose Gaussians tell whether the surface is on the plane."""
 
 MOST_POINTS = 512
 """Points at most that a Gaussian is spread over when cells are filled."""
@@ -177,7 +177,7 @@ def _fitted(these: Gaussians, normal: Vector, offset: float, band: float, pixel:
     for _ in range(steps):
         heights = these.centers @ normal - offset
         near = np.flatnonzero(np.abs(heights) < band)
-        if len(near) < LEAST_GAUSSIANS:
+        if len(near) < LEAST_FITTED:
             return None
         heights, centers, extent = heights[near], these.centers[near], these.take(near).across(normal)
         on = share * np.exp(-0.5 * (heights / noise) ** 2) / (np.sqrt(2 * np.pi) * noise)
@@ -231,19 +231,8 @@ def _bounded(splats: Splats, fit: Fitted, pixel: float, level: float) -> Plane:
     inside = ((at >= 0) & (at < shape)).all(axis=1)
     depth = (these.opacities * area / counts)[owner[inside]] / cell**2
     tau = np.bincount(np.ravel_multi_index(at[inside].T, shape), depth, minlength=shape.prod()).reshape(shape)
-    solid = (tau > -np.log(1 - level)) & _flat(these, fit, np.floor((centers - low) / cell).astype(int), shape)
+    solid = tau > -np.log(1 - level)
     return Plane(normal, fit.offset, fit.noise, axes, low, cell, solid)
-
-
-def _flat(these: Gaussians, fit: Fitted, at: Integers, shape: Integers) -> Mask:
-    """Cells of `shape` around which the plane passes within the scatter of the Gaussians, in cells `at` (N, 2): what
-    stands out by more, or sinks in, is no part of it."""
-    height = these.centers @ fit.normal - fit.offset
-    weight = these.areas * np.exp(-0.5 * (height / fit.noise) ** 2) / (1 + these.across(fit.normal) / fit.noise)
-    sums = [np.bincount(np.ravel_multi_index(at.T, shape), weight * height**power, shape.prod()) for power in range(3)]
-    mass, first, second = (scipy.ndimage.uniform_filter(each.reshape(shape), AROUND, mode="constant") for each in sums)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return 2 * (first / mass) ** 2 < second / mass  # the mean below the scatter about it
 
 
 def _normal_points(count: int) -> Floats:

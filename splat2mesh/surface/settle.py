@@ -5,9 +5,10 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
-from ..base.arrays import Faces, Floats, Mask, Points
+from ..base.arrays import Faces, Floats, Integers, Mask, Points
 from ..base.kernels import kernel
 from ..base.threads import shared
 from ..render.opacityfield import FieldDepth
@@ -23,6 +24,9 @@ THIN = 25
 
 EVEN = 3**-0.5
 """Standard deviation of what lies evenly within 1. Half of it is the most for depths that gather about a plane."""
+
+AROUND = 3
+"""Cells along the side of the squares whose pixels tell whether their depths are better known than the plane."""
 
 STEPS = 20
 """Steps of the fit of these depths."""
@@ -55,7 +59,7 @@ class PackedPlanes(NamedTuple):
     ) -> "PackedPlanes":
         """Those of a list of Plane that views saw, FieldDepth each. band: as of `planes_of`."""
         kept, fogs = [], []
-        points, rays = _sampled(views, seen)
+        points, rays, spreads = _sampled(views, seen)
         for plane in planes:
             slope = rays @ plane.normal
             before = (points @ plane.normal - plane.offset) * -np.sign(slope)
@@ -64,11 +68,13 @@ class PackedPlanes(NamedTuple):
             near = near[_solid_at(plane, crossing)]
             fog = _fog(before[near], band, plane.noise)
             if fog is not None and fog[1] < EVEN * band / 2:
-                kept.append(plane)
+                near = near[(before[near] > -SIGMAS * plane.noise) & (before[near] < fog[0] + SIGMAS * fog[1])]
+                crisp = spreads[near] * np.abs(slope[near]) < plane.noise
+                kept.append(plane._replace(solid=plane.solid & ~_mostly(crisp, _cells(plane, points[near]), plane)))
                 fogs.append(fog)
                 left = np.ones(len(points), bool)
-                left[near[np.abs(before[near] - fog[0]) < SIGMAS * fog[1]]] = False
-                points, rays = points[left], rays[left]
+                left[near] = False
+                points, rays, spreads = points[left], rays[left], spreads[left]
         sizes = np.array([plane.solid.shape for plane in kept], np.int64).reshape(-1, 2)
         ends = sizes.prod(axis=1).cumsum()
         return cls(
@@ -86,8 +92,8 @@ class PackedPlanes(NamedTuple):
     def settled(self, view: View, seen: FieldDepth) -> FieldDepth:
         """What a view sees, each pixel that belongs to a plane on it: depth, normal, and the plane's noise as spread.
 
-        A pixel belongs to a plane where that is solid, if it is less certain than the plane, lies within three of its
-        own spreads of it, and as far before it as depths of this plane do. Of several planes it takes the nearest.
+        A pixel belongs to a plane where that is solid, if three times its own spread reach the Gaussians there, and it
+        lies no farther before it than depths of this plane do. Of several planes it takes the most likely.
         """
         if len(self.planes) == 0:
             return seen
@@ -116,22 +122,34 @@ def band_of(views: Sequence[View], seen: Sequence[FieldDepth]) -> float:
     return SIGMAS * float(np.percentile(known, THIN)) if len(known) else 0.0
 
 
-def _sampled(views: Sequence[View], seen: Sequence[FieldDepth]) -> tuple[Floats, Floats]:
-    """Points (N, 3) that some pixels of each view see, and the rays (N, 3) to them, of z = 1."""
-    points, rays = [], []
+def _sampled(views: Sequence[View], seen: Sequence[FieldDepth]) -> tuple[Floats, Floats, Floats]:
+    """Points (N, 3) that some pixels of each view see, the rays (N, 3) to them, of z = 1, and their spreads (N,)."""
+    points, rays, spreads = [], [], []
     for view, each in zip(views, seen, strict=True):
         at = np.flatnonzero(np.isfinite(each.depth.ravel()))[::SAMPLED]
         rays.append(view.ray_directions().reshape(-1, 3)[at])
         points.append(view.center + rays[-1] * each.depth.ravel()[at].astype(np.float64)[:, None])
-    return np.concatenate(points), np.concatenate(rays)
+        spreads.append(each.spread.ravel()[at])
+    return np.concatenate(points), np.concatenate(rays), np.concatenate(spreads)
+
+
+def _cells(plane: Plane, points: Floats) -> Integers:
+    """The cells (N, 2) of a plane in which points (N, 3) lie, the nearest for those beside them."""
+    at = np.floor((points @ plane.axes.T - plane.low) / plane.cell)
+    return np.clip(at, 0, np.array(plane.solid.shape) - 1).astype(np.int64)
 
 
 def _solid_at(plane: Plane, points: Floats) -> Mask:
     """Whether a plane is solid at points (N, 3) of it."""
-    at = np.floor((points @ plane.axes.T - plane.low) / plane.cell).astype(np.int64)
-    inside = ((at >= 0) & (at < plane.solid.shape)).all(axis=1)
-    at[~inside] = 0
-    return inside & plane.solid[at[:, 0], at[:, 1]]
+    at = _cells(plane, points)
+    return plane.solid[at[:, 0], at[:, 1]]
+
+
+def _mostly(those: Mask, at: Integers, plane: Plane) -> Mask:
+    """Cells of a plane around which most of some pixels, in cells `at` (N, 2), are `those` (N,)."""
+    flat, shape = np.ravel_multi_index(at.T, plane.solid.shape), plane.solid.shape
+    balance = np.bincount(flat, those * 2.0 - 1.0, plane.solid.size).reshape(shape)
+    return scipy.ndimage.uniform_filter(balance, AROUND, mode="constant") > 0
 
 
 def _fog(before: Floats, band: float, noise: float) -> tuple[float, float] | None:
@@ -170,7 +188,7 @@ def _settle(
             x, y = (column + 0.5 - lens[2]) / lens[0], (row + 0.5 - lens[3]) / lens[1]
             for a in range(3):
                 ray[a] = pose[0, a] * x + pose[1, a] * y + pose[2, a]
-            best, chosen = SIGMAS, -1
+            best, chosen = np.inf, -1
             for p in range(len(planes.planes)):
                 n = planes.planes[p]
                 slope = n[0] * ray[0] + n[1] * ray[1] + n[2] * ray[2]
@@ -179,11 +197,12 @@ def _settle(
                 t = (n[3] - n[0] * eye[0] - n[1] * eye[1] - n[2] * eye[2]) / slope
                 steep = abs(slope)
                 before = (t - z) * steep
-                own = max(deep * steep, 1e-12)
-                off = abs(before) / own
-                if own < planes.noise[p] or off >= best or t <= 0:
+                farthest = planes.fog[p, 0] + SIGMAS * planes.fog[p, 1]
+                noise = planes.noise[p]
+                if t <= 0 or before < -SIGMAS * noise or before > min(farthest, SIGMAS * deep * steep + noise):
                     continue
-                if abs(before - planes.fog[p, 0]) > SIGMAS * planes.fog[p, 1]:
+                off = abs(before - planes.fog[p, 0]) / planes.fog[p, 1]
+                if off >= best:
                     continue
                 for a in range(3):
                     hit[a] = eye[a] + t * ray[a]

@@ -116,23 +116,24 @@ def test_planes_turn_and_grow_with_the_scene(scene):
 
 
 def test_what_stands_out_by_more_than_its_noise_stays_to_the_bit():
-    """A crisp frame 5 cm before a foggy wall: its depths spread over millimetres."""
+    """A crisp frame 6 cm before a foggy wall, four times the scatter there."""
     rng = np.random.default_rng(2)
-    frame = wall([-0.4, -0.4, 1.45], [0, 0.8, 0], [0.8, 0, 0], 0.02)
+    frame = wall([-0.4, -0.4, 1.44], [0, 0.8, 0], [0.8, 0, 0], 0.02)
     behind = room(rng)
     hidden = (np.abs(behind.means[:, :2]) < 0.42).all(axis=1) & (behind.means[:, 2] > 1)
     splats, views = joined(behind.take(np.flatnonzero(~hidden)), frame), six_views()
     seen = looked(splats, views)
     planes = found(splats, views, seen)
-    settled_walls = 0
+    settled_walls = seen_frame = 0
     for view, each in zip(views, seen, strict=True):
         settled = planes.settled(view, each)
         at = points_of(view, each.depth)
-        inside = (np.abs(at[..., :2]) < 0.37).all(axis=-1) & (np.abs(at[..., 2] - 1.45) < 0.02)
+        inside = (np.abs(at[..., :2]) < 0.37).all(axis=-1) & (np.abs(at[..., 2] - 1.44) < 0.02)
+        seen_frame += int(inside.sum())
         np.testing.assert_array_equal(settled.depth[inside], each.depth[inside])
         np.testing.assert_array_equal(settled.normal[inside], each.normal[inside])
         settled_walls += int((settled.depth != each.depth).sum())
-    assert inside.shape and settled_walls > 5000
+    assert settled_walls > 5000 and seen_frame > 500
 
 
 def test_a_window_stays_open():
