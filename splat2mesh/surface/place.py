@@ -149,7 +149,7 @@ def reconstruct_place(
         colors, unseen = filled_in(album.look_up(placed, normals)[0], placed)
     counts: dict[str, float] = {"components_dropped": dropped, "holes_filled": filled, "vertices_unseen": unseen}
     counts |= {"fog": round(fog, 4), "vertices_found": found, "planes": len(planes.planes)}
-    counts["share_on_planes"] = round(planes.share_of(placed, faces), 3)
+    counts["share_on_planes"] = round(planes.share_of(placed, faces, middle, 2 * distance), 3)
     return Mesh(placed, normals, faces, colors), Look(splats, pixel, list(views), near), counts
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from ..base.arrays import Faces, Floats, Integers, Mask, Points
+from ..base.arrays import Faces, Floats, Integers, Mask, Points, Vector
 from ..base.kernels import kernel
 from ..base.threads import shared
 from ..render.opacityfield import FieldDepth
@@ -102,10 +102,12 @@ class PackedPlanes(NamedTuple):
         _settle(len(depth), self, view.camera_from_world, view.center, lens, depth, normal, spread)
         return replace(seen, depth=depth, normal=normal, spread=spread)
 
-    def share_of(self, points: Points, faces: Faces) -> float:
-        """The share of the area of a mesh, points (V, 3) and faces (F, 3), that lies on the planes."""
+    def share_of(self, points: Points, faces: Faces, middle: Vector, reach: float) -> float:
+        """The share of the area of a mesh, points (V, 3) and faces (F, 3), that lies on the planes. Area far from
+        `middle` counts less: a quarter at `reach`."""
         corners = points[faces].astype(np.float64)
         area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+        area /= (1 + (np.linalg.norm(corners.mean(axis=1) - middle, axis=1) / reach) ** 2) ** 2
         on = np.zeros(len(faces), bool)
         for plane, noise in zip(self.planes, self.noise, strict=True):
             on |= (np.abs(corners @ plane[:3] - plane[3]) < noise).all(axis=1)

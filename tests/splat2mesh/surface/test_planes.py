@@ -189,4 +189,4 @@ def test_the_share_of_a_mesh_on_the_planes(scene):
     corners = np.array([[-2, -1, 1.5], [2, -1, 1.5], [2, 1, 1.5], [-2, 1, 1.5]], float)
     points = np.concatenate([corners, corners - [0, 0, 0.6]])  # one rectangle on a wall, one before it
     faces = np.array([[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]], np.int32)
-    assert scene[3].share_of(points, faces) == pytest.approx(0.5, abs=1e-12)
+    assert scene[3].share_of(points, faces, np.array([0, 0, 1.2]), 4.0) == pytest.approx(0.5, abs=1e-12)
