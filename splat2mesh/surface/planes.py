@@ -66,7 +66,7 @@ class Plane(NamedTuple):
     solid: Mask
 
 
-class Fitted(NamedTuple):
+class FittedPlane(NamedTuple):
     """A plane fitted to Gaussians.
 
     normal, offset, noise: as of Plane. extent: standard deviation of the Gaussians themselves across it, the mean.
@@ -81,7 +81,7 @@ class Fitted(NamedTuple):
     mass: float
 
 
-class Gaussians(NamedTuple):
+class LooseGaussians(NamedTuple):
     """N Gaussians of a place: centres (N, 3), axes times scales as columns (N, 3, 3), opacities and areas (N,)."""
 
     centers: Points
@@ -90,15 +90,15 @@ class Gaussians(NamedTuple):
     areas: Floats
 
     @classmethod
-    def of(cls, splats: Splats, rows: NDArray) -> "Gaussians":
+    def of(cls, splats: Splats, rows: NDArray) -> "LooseGaussians":
         """Those of some rows (N,) of Splats."""
         scales = splats.scales[rows].astype(np.float64)
         shapes = _rotations(splats.quats_wxyz[rows].astype(np.float64)) * scales[:, None]
         return cls(splats.means[rows].astype(np.float64), shapes, splats.opacities[rows], _areas(splats)[rows])
 
-    def take(self, rows: NDArray) -> "Gaussians":
+    def take(self, rows: NDArray) -> "LooseGaussians":
         """Some of them."""
-        return Gaussians(*(array[rows] for array in self))
+        return LooseGaussians(*(array[rows] for array in self))
 
     def across(self, normal: Vector) -> Floats:
         """(N,) standard deviations along a direction."""
@@ -123,7 +123,7 @@ def planes_of(splats: Splats, middle: Vector, reach: float, band: float, pixel: 
     if len(chances) == 0 or not (chances[-1] > 0 and band > 0):
         return []
     rows = np.searchsorted(chances, rng.random(SAMPLE) * chances[-1])
-    drawn = Gaussians.of(splats, np.minimum(rows, len(chances) - 1))
+    drawn = LooseGaussians.of(splats, np.minimum(rows, len(chances) - 1))
     left, seeds, failed = np.ones(SAMPLE, bool), np.ones(SAMPLE, bool), 0
     planes: list[Plane] = []
     while failed < MOST_FAILED and (left & seeds).sum() > LEAST_GAUSSIANS:
@@ -142,8 +142,8 @@ def planes_of(splats: Splats, middle: Vector, reach: float, band: float, pixel: 
 
 
 def _best(
-    drawn: Gaussians, left: NDArray, seeds: NDArray, band: float, pixel: float, rng: np.random.Generator
-) -> Fitted | None:
+    drawn: LooseGaussians, left: NDArray, seeds: NDArray, band: float, pixel: float, rng: np.random.Generator
+) -> FittedPlane | None:
     """The plane of most area through Gaussians that are `left`, drawn from the `seeds` of them."""
     sketch = drawn.centers[rng.choice(left, min(SKETCH, len(left)), replace=False)]
     best: list[tuple[float, Vector, float]] = []
@@ -170,7 +170,9 @@ def _best(
     return _fitted(these, most.normal, most.offset, band, pixel, FINE)
 
 
-def _fitted(these: Gaussians, normal: Vector, offset: float, band: float, pixel: float, steps: int) -> Fitted | None:
+def _fitted(
+    these: LooseGaussians, normal: Vector, offset: float, band: float, pixel: float, steps: int
+) -> FittedPlane | None:
     """The plane near one given to which Gaussians of equal area fit best, None where there are hardly any: by
     expectation and maximisation, within the band."""
     noise, share = band / SIGMAS, 0.5
@@ -191,10 +193,12 @@ def _fitted(these: Gaussians, normal: Vector, offset: float, band: float, pixel:
         normal = axis if axis @ normal >= 0 else -axis
         offset = float(normal @ middle)
         noise = max(float(np.sqrt(weight @ (rest @ normal) ** 2 / mass)), pixel / 4)
-    return Fitted(normal, offset, noise, float(weight @ extent / mass), float(mass**2 / (weight @ weight)), float(mass))
+    return FittedPlane(
+        normal, offset, noise, float(weight @ extent / mass), float(mass**2 / (weight @ weight)), float(mass)
+    )
 
 
-def _sharpened(these: Gaussians, fit: Fitted, pixel: float) -> Fitted:
+def _sharpened(these: LooseGaussians, fit: FittedPlane, pixel: float) -> FittedPlane:
     """A plane moved to where the density of Gaussians of equal area is highest: they pile up behind a surface more than
     before it, or before it more than behind, but the flattest lie on it."""
     normal, offset, width = fit.normal, fit.offset, fit.noise
@@ -210,12 +214,12 @@ def _sharpened(these: Gaussians, fit: Fitted, pixel: float) -> Fitted:
     return fit._replace(normal=normal, offset=offset)
 
 
-def _bounded(splats: Splats, fit: Fitted, pixel: float, level: float) -> Plane:
+def _bounded(splats: Splats, fit: FittedPlane, pixel: float, level: float) -> Plane:
     """A plane with the cells in which its Gaussians reach the opacity of a surface."""
     normal = fit.normal
     first = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
     axes = np.stack([first / np.linalg.norm(first), np.cross(normal, first / np.linalg.norm(first))])
-    these = Gaussians.of(splats, np.flatnonzero(np.abs(splats.means @ normal - fit.offset) < SIGMAS * fit.noise))
+    these = LooseGaussians.of(splats, np.flatnonzero(np.abs(splats.means @ normal - fit.offset) < SIGMAS * fit.noise))
     centers, flat = these.centers @ axes.T, np.einsum("ki,nij->nkj", axes, these.shapes)
     covariance = flat @ flat.transpose(0, 2, 1)
     area = 2 * np.pi * np.sqrt(np.maximum(np.linalg.det(covariance), 0))
