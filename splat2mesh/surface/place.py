@@ -23,9 +23,7 @@ from .clean import fill_holes
 from .decimate import decimate
 from .extract import Look, dilated, thickness_of, training_pixel
 from .fair import fair
-from .planes import planes_of
 from .refine import refine_by_color
-from .settle import PackedPlanes, band_of
 from .sight import FusionSight
 from .simplify import simplify
 
@@ -102,13 +100,8 @@ def reconstruct_place(
         raise InputError(f"only {len(depths)} surface points were found: is this a splat of a place?")
     distance, centers = float(np.median(depths)), _near_centers(views, seen)
     middle = np.median(centers, axis=0)
-    with stages.stage("planes"):
-        band = band_of(views, seen)
-        walls = planes_of(splats, middle, 2 * distance, band, pixel, level)
-        planes = PackedPlanes.of(walls, views, seen, band)
 
     def developed(views: Sequence[View], seen: Sequence[FieldDepth]) -> tuple[list[FusionSight], Album]:
-        seen = [planes.settled(view, each) for view, each in zip(views, seen, strict=True)]
         thicknesses = [thickness_of(each, view) for view, each in zip(views, seen, strict=True)]
         sights = [
             FusionSight.from_depth(view, each, thick, distance, FINEST_CELL * pixel, fog)
@@ -120,9 +113,9 @@ def reconstruct_place(
     del seen
     points, faces, cells = _fused(sights, middle, stages)
     if overhead is not None and overhead.leak(points, faces) > MOST_LEAK:
-        more, nearest = overhead.views(max(views[0].width, views[0].height))
-        added, pictures = developed(more, _seen(splats, more, nearest, level, stages))
-        views, near = [*views, *more], np.append(near, nearest)
+        more, planes = overhead.views(max(views[0].width, views[0].height))
+        added, pictures = developed(more, _seen(splats, more, planes, level, stages))
+        views, near = [*views, *more], np.append(near, planes)
         album = Album.joined([album, pictures])
         points, faces, cells = _fused(sights + added, middle, stages)
         del added, pictures
@@ -148,8 +141,7 @@ def reconstruct_place(
         normals = vertex_normals(placed, faces)
         colors, unseen = filled_in(album.look_up(placed, normals)[0], placed)
     counts: dict[str, float] = {"components_dropped": dropped, "holes_filled": filled, "vertices_unseen": unseen}
-    counts |= {"fog": round(fog, 4), "vertices_found": found, "planes": len(planes.planes)}
-    counts["share_on_planes"] = round(planes.share_of(placed, faces, middle, 2 * distance), 3)
+    counts |= {"fog": round(fog, 4), "vertices_found": found}
     return Mesh(placed, normals, faces, colors), Look(splats, pixel, list(views), near), counts
 
 
