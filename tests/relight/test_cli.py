@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 import warnings
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -99,10 +100,11 @@ def test_every_option_of_the_light_reaches_the_job_unchanged(folder, monkeypatch
     seen = []
 
     class Job:
-        asked_lamps, from_inside, light_kind = (), False, LightKind.ALONE
-        gloss = insert_plan = mirrored_floor = None
+        inputs = SimpleNamespace(asked_lamps=(), from_inside=False)
+        known = SimpleNamespace(gloss=None, insert_plan=None, mirrored_floor=None)
+        light_kind = LightKind.ALONE
 
-        def __init__(self, request, stages):
+        def __init__(self, request, stages, at_hand):
             seen.append((request.lighting, request.angles_deg, request.caching))
 
         def planned(self):

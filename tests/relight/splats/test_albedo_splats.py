@@ -121,6 +121,6 @@ def test_usd_without_its_library_is_reported_before_any_work(monkeypatch):
     scene, albedo = ball_scene(8)
     splat = splats_of_ball(50)[0]
     job = Job(RelightRequest(scene, "noon", LightingOptions("analytic", bands=3), albedo=albedo, formats=("usd",)))
-    job.__dict__["splats"] = (splat, [])
+    job.inputs.__dict__["splats"] = (splat, [])
     with pytest.raises(InputError, match=r"USD needs usd-core: pip install"):
         job.known.relighter  # noqa: B018

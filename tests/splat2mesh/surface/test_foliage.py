@@ -171,14 +171,14 @@ def test_a_layout_places_hulls_and_cards_with_their_objects(tmp_path, monkeypatc
     entries = [{"splat": "bush.ply", "name": name, "position": at} for name, at in (("a", [0, 0, 0]), ("b", [9, 0, 0]))]
     (tmp_path / "two.json").write_text(json.dumps({"objects": entries}))
 
-    def made(path, options, *, stages):
+    def made(path, options, stages):
         scene = leaves_apart(bush_scene(LIMIT), splats, options.foliage, LIMIT)
         scene.settings = scene.settings | dict.fromkeys(("vertices", "up", "cameras", "lod", "up_from"))
         return scene
 
     monkeypatch.setattr("splat2mesh.layout.converted", made)
     scene = convert(tmp_path / "two.json", foliage="cards")
-    alone = made(None, ConvertOptions(foliage="cards"), stages=None)
+    alone = made(None, ConvertOptions(foliage="cards"), None)
     assert len(scene.hull) == 2 * len(alone.hull) and len(scene.cards) == 2 * len(alone.cards)
     assert all((scene.chunks[number].colors_srgb == GREEN).all() for number in scene.hull)
     assert len(Drawn(scene).scene.faces) == 2 * alone.statistics["faces"] == scene.statistics["faces"]
