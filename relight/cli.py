@@ -14,6 +14,7 @@ from splat2mesh.base.collecting import compile_without_collector, import_without
 from splat2mesh.base.commandline import chosen, several, share
 from splat2mesh.base.console import Display, notify, open_streams, run
 from splat2mesh.base.errors import InputError
+from splat2mesh.base.outputs import check_output
 from splat2mesh.base.progress import Stages
 from splat2mesh.base.requests import given, option_names
 from splat2mesh.cli import KERNELS as MESHING_KERNELS
@@ -211,6 +212,8 @@ def _check_session(words: argparse.Namespace, port: int | None) -> None:
     plot = getattr(words, "plot", None)
     if plot is not None and (not hasattr(words, "plan") or Path(plot).suffix.lower() != ".png"):
         raise InputError(f"--plot {plot}: expected a name that ends with .png, beside --plan")
+    if plot is not None:
+        check_output(plot, overwrite=True)
     if getattr(words, "screenshot", None):
         from .output.images import check_image
 

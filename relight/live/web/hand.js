@@ -5,7 +5,7 @@ import { addSuns, changes, lightTable } from "./live.js";
 
 const RADIANS_OF = Math.PI / 180, SUN_WIDTH = 2.8 * RADIANS_OF; // of a sun in a written image: a texel
 
-export const LEAST_RECEIVED = 0.1; // of what the estimate gave: below it the albedo is not divided further
+export const LEAST_RECEIVED = 0.1; // of what the estimate gave, as SOFTNESS of relight/albedo/division.py: below it the albedo is not divided further
 
 // Lights of live.json that may have lit the capture, with their numbers flattened and their images read.
 export const offeredOf = (entries, images) => entries.map((entry, i) => ({ ...entry, rest: Float64Array.from(entry.rest.flat()), image: fromRgbe(images[i]) }));

@@ -160,7 +160,7 @@ class Session {
     this.counted = null;
     this.shown = this.onCard && !this.objects() && !this.hand() ? this.asked : this.gains;
     this.mirrored = bundle.gloss && state.view === "relit" ? this.mirror(light, turn, exposure, lamps, factors, balance) : null;
-    this.most = state.view === "relit" ? Live.usualGain(bundle, light, turn, exposure, lamps, factors, balance) : [1, 1, 1];
+    this.most = state.view === "relit" ? Live.usualGain(bundle, light, turn, exposure, lamps, factors, this.usually(balance)) : [1, 1, 1];
     if (this.standing()) this.putGround(light, turn, exposure);
     this.milliseconds = performance.now() - began;
     stage.sky(state.sky && state.view === "relit" && light.sky !== "captured" ? light.image : null, turn, exposure);
@@ -236,6 +236,14 @@ class Session {
     return offered ? { azimuth: dayAzimuth ?? offered.azimuth_deg, height: dayHeight ?? offered.height_deg, share: dayShare ?? offered.sun_share } : null;
   }
 
+  // A balance of the albedo with what the captured light set by hand changes of it on the whole.
+  usually(balance) {
+    const hand = this.hand();
+    if (!hand) return balance;
+    const none = this.bundle.terms.map(() => [0, 0, 0]), mean = Live.meanChange(this.bundle, Live.lightByHand(this.offered[this.state.day - 1], hand), 0, 1, 0, none);
+    return balance.map((value, k) => value / Math.max(mean[k], Live.LEAST_RECEIVED));
+  }
+
   // What splats received of that light over what the estimate gave them, (N, 3), or null.
   given() {
     const hand = this.hand(), text = JSON.stringify([this.state.day, hand]);
@@ -263,7 +271,7 @@ class Session {
     const { bundle } = this, own = bundle.terms.findIndex(({ kind }) => kind === "captured");
     const coefficients = Live.mirroredLight(bundle.gloss, light, turn, exposure, this.suns(), own < 0 ? [0, 0, 0] : factors[own]);
     this.texture = Live.mirrorTexture(bundle.gloss, coefficients, this.factors(light, [1, 1, 1]), this.texture);
-    return { texture: this.texture, hidden: Live.meanChange(bundle, light, turn, exposure, lamps, factors, balance) };
+    return { texture: this.texture, hidden: Live.meanChange(bundle, light, turn, exposure, lamps, factors, this.usually(balance)) };
   }
 
   // What the light of lamps is multiplied by beside a light: its own number, moved as the slider is.

@@ -98,6 +98,8 @@ def test_albedo_and_relit_are_divided_by_what_the_light_set_by_hand_gives(offere
         after, given = (np.array(page.run(f"Array.from(relight.{each})")) for each in ("ratio", "received"))
         np.testing.assert_allclose(after * np.maximum(given, 0.1), before, rtol=1e-4, atol=1e-5)
         assert given.std() > 0.1 * given.mean()
+        usual = np.array(page.run("relight.usually([1, 1, 1])"))  # of the whole scene, suns as harmonics
+        np.testing.assert_allclose(usual, 1.0 / given.reshape(-1, 3).mean(axis=0), rtol=0.1)
         drawn = page.run("relight.drawn")
         page.run("relight.set({ bright: 1 })")
         page.wait(f"relight.drawn > {drawn}")

@@ -32,3 +32,8 @@ def test_the_curve_of_a_plan_is_drawn_with_its_choice(mesh, tmp_path, capsys):
 def test_a_plot_without_a_plan_and_one_of_another_kind_are_refused(mesh, more, capsys):
     assert main([str(mesh), *more]) == 2
     assert "--plot cost" in capsys.readouterr().err
+
+
+def test_a_plot_that_cannot_be_written_is_refused_before_anything_is_planned(mesh, capsys):
+    assert main([str(mesh), "--plan", "--env", "noon", "--plot", str(mesh / "cost.png")]) == 2
+    assert "cannot write to" in capsys.readouterr().err
