@@ -5,6 +5,7 @@ relight_splat("a.ply", "sunset", angle_deg=45).save("b.ply")
 
 import os
 from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -18,6 +19,7 @@ from splat2mesh.base.errors import InputError
 from splat2mesh.base.outputs import check_output
 from splat2mesh.base.progress import Stages
 from splat2mesh.base.version import __version__ as __version__
+from splat2mesh.capture import capture_of
 from splat2mesh.options import ConvertOptions
 from splat2mesh.scene.drawn import Drawn
 from splat2mesh.scene.folder import META
@@ -29,7 +31,8 @@ from splat2mesh.splats.splats import Splats
 from .engine.appearance import Appearance, appearance_of
 from .engine.light_mix import LightKind
 from .engine.relighter import Relighter, Shaded
-from .jobs.folders import first_light, meshed_request, planned_request
+from .jobs.first_look import first_picture
+from .jobs.folders import first_light, meshed_request, planned_request, splat_to_mesh
 from .jobs.job import Job
 from .jobs.session import check_session, session_of
 from .jobs.writer import Writer, report_of
@@ -43,6 +46,7 @@ from .output.north_picture import north_picture
 from .planning.plan import Plan
 from .request import AUTO, AnyLight, RelightRequest
 from .splats import write_relit_ply
+from .viewer.waiting import Served, in_a_browser, in_a_window
 
 if TYPE_CHECKING:
     import pyvista
@@ -296,7 +300,9 @@ def view_request(
     """Open the session of a request, or write its picture without a window. A splat is meshed first."""
     from .viewer import view
 
-    view(_session(request, stages or Stages()), screenshot=screenshot)
+    stages = stages or Stages()
+    session = _session(request, stages, (lambda picture: nullcontext()) if screenshot else in_a_window)
+    view(session, screenshot=screenshot)
 
 
 def serve_request(
@@ -308,7 +314,16 @@ def serve_request(
     """Show the session of a request in a browser of this machine until it is quit. announce: receives its address."""
     from .viewer import serve
 
-    serve(_session(request, stages or Stages()), port=port, announce=announce)
+    place = Served.at(port)
+    announced: list[str] = []
+
+    def told(url: str) -> None:
+        if not announced:
+            announced.append(url)
+            announce(url)
+
+    session = _session(request, stages or Stages(), lambda picture: in_a_browser(picture, place, told))
+    serve(session, port=place.port if announced else port, announce=told, token=place.token)
 
 
 def estimate_albedo(
@@ -333,10 +348,18 @@ def _relit(writer: Writer) -> RelitScene:
     return RelitScene(writer.job.known.scene, shading.radiance, exposure, light, report, writer, shaded)
 
 
-def _session(request: RelightRequest, stages: Stages) -> "SessionRequest":
+def _session(
+    request: RelightRequest, stages: Stages, shown: Callable[[NDArray[np.uint8]], AbstractContextManager[None]]
+) -> "SessionRequest":
+    """The session of a request. shown: shows the first look at a splat while it is meshed and lit."""
     check_session(request)
-    request, at_hand, _ = meshed_request(request, stages)
-    session = session_of(Job(request.under(first_light(request)), stages, at_hand))
+    splat, capture, picture = splat_to_mesh(request), None, None
+    if splat is not None:
+        capture = capture_of(splat, request.meshing, stages)
+        picture = first_picture(request.under(first_light(request)), capture, stages)
+    with nullcontext() if picture is None else shown(picture):
+        request, at_hand, _ = meshed_request(request, stages, capture)
+        session = session_of(Job(request.under(first_light(request)), stages, at_hand))
     stages.close()
     return session
 

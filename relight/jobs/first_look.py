@@ -4,10 +4,13 @@ import os
 import shutil
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.outputs import staged_folder
@@ -19,6 +22,7 @@ from splat2mesh.scene.folder import META
 
 from ..albedo.said import Said
 from ..light import CAPTURED
+from ..light.environment import Environment
 from ..light.loading import light_of
 from ..output.images import write_png
 from ..output.kinds import FILES
@@ -104,19 +108,38 @@ def write_first_looks(
 
     folders: of each light and angle. Returns the reports. Raises InputError for a capture that has no first look.
     """
-    started, lighting = time.monotonic(), request.lighting
+    started, reports = time.monotonic(), []
     with stages.stage("first look"):
-        said = Said.read(lighting.captured_sun, lighting.captured_sky, None)
-        known = None if request.capture_env is None else light_of(request.capture_env)
-        day = CapturedDay.of(capture, said, known, lighting.seed)
-        exposure = None if request.exposure_ev is None else 2.0**request.exposure_ev
-        reports = []
+        day = _day_of(request, capture)
         for folder, light, angle in folders:
-            environment = light_of(light).rotated(angle)
-            look = day.under(environment, exposure)
+            environment, look = _under(day, request, light, angle)
             reports.append(_report(request, environment.name, angle, look, time.monotonic() - started))
             _write(folder, reports[-1], look, request, splat)
     return reports
+
+
+def first_picture(request: RelightRequest, capture: Capture, stages: Stages) -> NDArray[np.uint8] | None:
+    """The picture (H, W, 3) uint8 of a Capture in the light of a request, for a session to begin with; None for one
+    that has no first look."""
+    if not _plain(request):
+        return None
+    with stages.stage("first look"), suppress(InputError):
+        day = _day_of(request, capture)
+        return _under(day, request, request.light, request.angles_deg[0])[1].picture
+    return None
+
+
+def _day_of(request: RelightRequest, capture: Capture) -> CapturedDay:
+    lighting = request.lighting
+    said = Said.read(lighting.captured_sun, lighting.captured_sky, None)
+    known = None if request.capture_env is None else light_of(request.capture_env)
+    return CapturedDay.of(capture, said, known, lighting.seed)
+
+
+def _under(day: CapturedDay, request: RelightRequest, light: Any, angle: float) -> tuple[Environment, FirstLook]:
+    """A light, turned, and the first look in it."""
+    environment = light_of(light).rotated(angle)
+    return environment, day.under(environment, None if request.exposure_ev is None else 2.0**request.exposure_ev)
 
 
 def _report(request: RelightRequest, light: str, angle: float, look: FirstLook, seconds: float) -> dict[str, Any]:

@@ -125,11 +125,9 @@ def _first_looks(request: RelightRequest, stages: Stages) -> RelitFiles:
 def _look_ahead(request: RelightRequest, stages: Stages) -> tuple[Capture | None, Path | None]:
     """Show a splat that has no scene yet in the first of its lights, where that is possible, or find a requested part:
     what was read of it, and the folder of the picture."""
-    scene, part = request.scene, AskedPart.parse(request.only, request.keep)
-    shows = has_first_look(request)
-    if not isinstance(scene, (str, os.PathLike)) or not (shows or part) or not os.path.exists(scene):
-        return None, None
-    if not _is_one_splat(scene) or existing_scene(scene, request.meshing) is not None:
+    part = AskedPart.parse(request.only, request.keep)
+    scene = splat_to_mesh(request) if has_first_look(request) or part else None
+    if scene is None:
         return None, None
     if part is not None:
         capture = capture_of(scene, request.meshing, stages)
@@ -144,6 +142,14 @@ def _look_ahead(request: RelightRequest, stages: Stages) -> tuple[Capture | None
         write_first_looks(request, capture, _with_lights([folder], lights, request), stages, False)
         stages.notify(f"{folder / FILES['png']}: a first look; meshing goes on, and the final picture replaces it")
     return capture, folder
+
+
+def splat_to_mesh(request: RelightRequest) -> str | os.PathLike[str] | None:
+    """The file of splats, of which there is no scene yet, that a request is for; None for another request."""
+    scene = request.scene
+    if not isinstance(scene, (str, os.PathLike)) or not os.path.exists(scene) or not _is_one_splat(scene):
+        return None
+    return scene if existing_scene(scene, request.meshing) is None else None
 
 
 def _with_lights(

@@ -27,15 +27,16 @@ SKIPPED = 0.35
 BANDS = (2, 3, 4, 5, 6, 8, 10)
 RAYS = tuple(2**power for power in range(2, 12))
 
-SUN_PARTS, LEAST_SUN_TOLERANCE = (0.6, 0.2, 0.06), 0.001
-"""Parts of the tolerance that suns may be split to. What they leave is estimated for walls that stand anywhere: a table
-in the last light of the day needs the second. Where edges of sunlight or bright sky beside the sun take much of the
-tolerance, the last is cheaper than the rays that would make up for them."""
+SUN_TOLERANCES = tuple(10.0 ** (-power / 2.0) for power in range(2, 7))
+"""What suns may be split to, whatever the tolerance, so that a looser one has every choice of a tighter one. What a
+split leaves is estimated for walls that stand anywhere. Where edges of sunlight or bright sky beside the sun take much
+of the tolerance, the finest is cheaper than the rays that would make up for them."""
 
 SUN_WIDTH = 0.8
 """Assumed error of patches that shine as points, over the split's tolerance: 0.2 to 1.5 were measured."""
 
-ALL_TOLERANCES = 0.02, 0.01, 0.005  # for suns where a time is given, and not an error
+BUDGET_TOLERANCE = 0.005
+"""For what follows a tolerance, where a time is given and not an error."""
 
 NEAR_LEAST = 1.1
 """Without a setting within the target: the factor on the least error within which the cheapest setting wins."""
@@ -74,7 +75,7 @@ def _most_exact(candidate: Candidate) -> tuple[float, float]:
 
 
 class Choice:
-    """All settings worth considering for what was measured."""
+    """All settings worth considering for what was measured. budget_s: seconds that are left for them; None without."""
 
     def __init__(
         self,
@@ -91,15 +92,14 @@ class Choice:
         self._known_levels: dict[tuple[int, float], int] = {}
         self.measured, self._environment, self._angles = measured, environment, angles
         self._method, self._effects = options.fixed_method, options.fixed_effects
-        self._bands, self._rays, self._budget_s = options.bands, options.rays, options.budget_s
-        self._tolerances = ALL_TOLERANCES if self._budget_s else (tolerance,)
+        self._bands, self._rays, self.budget_s = options.bands, options.rays, options.budget_s
+        self._tolerance = tolerance if self.budget_s is None else BUDGET_TOLERANCE
         self._target = SAFETY * tolerance
         self._splits: dict[tuple[int, float], tuple[Any, Suns, float]] = {}
         self._sun_factor = self._width_factor = 1.0  # of suns, found over expected; measured over planned
-        self._finer: list[float] = []  # tolerances that the latter calls for
         sample = measured.sample
         self._solid = sample.weights[sample.solid > 0.0].sum() * sample.traced_share
-        self._shadowed, self._unshadowed = self._shadows(SKIPPED * min(self._tolerances))
+        self._shadowed, self._unshadowed = self._shadows(SKIPPED * self._tolerance)
         self._candidates = list(self._all())
 
     def best(self) -> Candidate:
@@ -108,11 +108,11 @@ class Choice:
         Suns are found for the chosen one alone. Where they turn out more, or the rest less smooth, it may lose.
         """
         for _ in range(MAX_SPLITS + 1):
-            if self._budget_s is None:
+            if self.budget_s is None:
                 good = [each for each in self._candidates if each.error <= self._target]
                 best = min(good, key=_quickest) if good else self._least()
             else:
-                good = [each for each in self._candidates if each.seconds <= self._budget_s]
+                good = [each for each in self._candidates if each.seconds <= self.budget_s]
                 best = min(good, key=_most_exact) if good else min(self._candidates, key=_quickest)
             key = best.settings.bands, best.settings.sun_tolerance
             if not best.settings.sun_tolerance or key in self._splits or len(self._splits) == MAX_SPLITS:
@@ -188,7 +188,7 @@ class Choice:
         else:
             decision = f"{settings.bounce_rays} rays" if settings.bounce_rays else "skipped"
             rows.append((BOUNCES, float(measured.bounces[0]), decision))
-            carried = "in RGB" if measured.bleeding > SKIPPED * min(self._tolerances) else "grey would do"
+            carried = "in RGB" if measured.bleeding > SKIPPED * self._tolerance else "grey would do"
             rows.append(("color bleeding", measured.bleeding, carried if settings.bounce_rays else "skipped"))
         return rows
 
@@ -216,7 +216,7 @@ class Choice:
         all_bands = BANDS if self._bands is None else (self._bands,)
         all_rays = RAYS if self._rays is None else (self._rays,)
         for bands, suns, bounce_rays, rays in product(all_bands, self._sun_choices(), self._bounce_choices(), all_rays):
-            stop = max(LEAST_STOP, STOP_PART * min(self._tolerances)) if bounce_rays else 0.0
+            stop = max(LEAST_STOP, STOP_PART * self._tolerance) if bounce_rays else 0.0
             yield Settings("raytraced", bands, rays, shadowed, suns, bounce_rays, stop, leafy)
 
     def _analytic(self) -> Iterator[Settings]:
@@ -230,20 +230,17 @@ class Choice:
                     yield from (Settings("analytic", bands, sun_tolerance=each) for each in self._sun_choices() if each)
 
     def _sun_choices(self) -> list[float]:
-        parts = SUN_PARTS if self._budget_s is None else SUN_PARTS[:1]
-        wanted = [part * tolerance for tolerance in self._tolerances for part in parts]
-        found = list(dict.fromkeys(max(LEAST_SUN_TOLERANCE, each) for each in [*wanted, *self._finer]))
         if self._effects is None:
-            return [0.0, *found]
-        return found if SUN in self._effects else [0.0]
+            return [0.0, *SUN_TOLERANCES]
+        return list(SUN_TOLERANCES) if SUN in self._effects else [0.0]
 
     def _bounce_choices(self) -> list[int]:
         if self.measured.bounced is None:
             return [0]
         if self._effects is not None:
             return list(costs.BOUNCE_RAYS)
-        small = self.measured.bounces[0] <= SKIPPED * min(self._tolerances)
-        return [0] if small and self._budget_s is None else [0, *costs.BOUNCE_RAYS]
+        small = self.measured.bounces[0] <= SKIPPED * self._tolerance
+        return [0] if small and self.budget_s is None else [0, *costs.BOUNCE_RAYS]
 
     def _rated(self, settings: Settings) -> Candidate:
         """The candidate: what the settings cost and how far off they are."""
@@ -331,6 +328,3 @@ class Choice:
             measured = self.measured.sun_width(unrotated, rest.variances)
             self._width_factor = max(self._width_factor, measured / max(SUN_WIDTH * key[1], planned))
         self._splits[key] = (rest.radiance if len(found) else None), found, max(planned, measured)
-        finest = self._target / SUN_WIDTH / self._width_factor * SUN_PARTS[0]
-        if measured > self._target and finest < min(filter(None, self._sun_choices())):
-            self._finer = [finest]

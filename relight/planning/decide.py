@@ -3,7 +3,7 @@
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from ..transfer import volume
 from ..transfer.occluder import Occluder
 from ..transfer.settings import BOUNCES, VOLUME, Settings
 from ..transfer.store import Cache
-from .choice import ALL_TOLERANCES, SKIPPED, Choice, Leaves
+from .choice import BUDGET_TOLERANCE, SKIPPED, Choice, Leaves
 from .effect_errors import EffectErrors
 from .plan import Plan
 from .sample import Sample
@@ -25,6 +25,9 @@ VOLUME_PART = 0.35
 
 UNSHADOWED = ("analytic", "neural-gash", "blinn-phong")
 """Methods that trace nothing, and march through nothing."""
+
+LEAST_BUDGET_S = 1e-9
+"""Seconds where planning has used up the budget: none but the quickest settings are left."""
 
 SAMPLE_VERTICES = 384
 SAMPLE_DIRECTIONS, FEWEST, MOST = 28.6, 1024, 8192
@@ -61,7 +64,7 @@ def planned(
     options = (options or LightingOptions()).planned()
     budget_s, effects = options.budget_s, options.fixed_effects
     tolerance = DEFAULT_TOLERANCE if options.tolerance is None else options.tolerance
-    wish = tolerance if budget_s is None else min(ALL_TOLERANCES)
+    wish = tolerance if budget_s is None else BUDGET_TOLERANCE
     directions = 2 ** math.ceil(math.log2(min(max(SAMPLE_DIRECTIONS / wish, FEWEST), MOST)))
     sample = Sample(scene.occluder, scene.sizes, SAMPLE_VERTICES, directions, scene.traced, scene.cache)
     albedo, foliage = scene.albedo, scene.foliage
@@ -76,6 +79,8 @@ def planned(
         leaves = leaves_for(error, measured.leafy, wish, effects, direction_s, len(foliage.rows))
     if leaves is None or not leaves.directions:
         measured = EffectErrors(sample, environment, albedo, bouncing)
+    if budget_s is not None:  # what planning took is part of it
+        options = replace(options, budget_s=max(budget_s - (time.perf_counter() - start), LEAST_BUDGET_S))
     choice = Choice(measured, environment, options, tolerance, angles, leaves, there)
     best = choice.best()
     return Plan(

@@ -85,7 +85,9 @@ class Plan:
             lines.append(f"  {effect:<15}{without:>14}  {decision}")
         checked = "" if self.checked is None else f", {percent(self.checked)} checked on the sample"
         lines.append(f"  predicted: error {percent(self.error)}{checked}; {self.seconds:.2f} s")
-        lines.append(f"  measured on {self.vertices} vertices and {self.rays:,} rays in {self.planning_s:.2f} s")
+        within = "" if self.budget_s is None else " of the budget"
+        sample = f"{self.vertices} vertices and {self.rays:,} rays"
+        lines.append(f"  measured on {sample} in {self.planning_s:.2f} s{within}")
         lines += ["accuracy against time", f"  {'seconds':>9}{'error':>9}"]
         others = [row for row in self.curve if row[2] != self.settings]
         chosen = self.seconds, self.error, self.settings

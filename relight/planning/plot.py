@@ -32,7 +32,8 @@ def plot_plan(path: str | os.PathLike[str], plan: "Plan", title: str) -> None:
     if plan.tolerance is not None:
         axes.axhline(plan.tolerance, color=CHOICE, lw=0.8, ls="--", label=f"tolerance {percent(plan.tolerance)}")
     if plan.budget_s is not None:
-        axes.axvline(plan.budget_s, color=CHOICE, lw=0.8, ls="--", label=f"budget {plan.budget_s:g} s")
+        left = max(plan.budget_s - plan.planning_s, 0.0)
+        axes.axvline(left, color=CHOICE, lw=0.8, ls="--", label=f"budget {plan.budget_s:g} s, less planning")
     for axis, text in ((axes.xaxis, "{:g}".format), (axes.yaxis, "{:.2%}".format)):
         axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         axis.set_major_formatter(FuncFormatter(lambda value, _, text=text: text(value)))

@@ -80,6 +80,7 @@ def serve(
     port: int = 0,  # any free one
     announce: Callable[[str], None] = lambda url: None,  # receives the address, with its token, once it can be opened
     size: tuple[int, int] | None = None,
+    token: str | None = None,  # of the address; by default a new one
     **wishes: Any,
 ) -> None:
     """The session in a browser of this machine, until it is quit there or interrupted here. Arguments as of `view`.
@@ -93,7 +94,7 @@ def serve(
     load_pyvista(True)
     session = Session(SessionRequest.of(scene, environment, options, **wishes))
     try:
-        served(Window(session, size or SIZE, off_screen=True), port, announce)
+        served(Window(session, size or SIZE, off_screen=True), port, announce, token)
     finally:
         session.close()
 

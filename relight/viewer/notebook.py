@@ -34,11 +34,15 @@ def show_widget(window: "Window") -> Any:
     return widget
 
 
-def serve(window: "Window", port: int = 0, announce: Callable[[str], None] = lambda url: None) -> None:
-    """Serve a Window to browsers until it is closed; `announce` receives the address, which holds a token.
+def serve(
+    window: "Window",
+    port: int = 0,  # 0 for any free one
+    announce: Callable[[str], None] = lambda url: None,  # receives the address, which holds the token
+    token: str | None = None,  # of an address that was announced before; by default a new one
+) -> None:
+    """Serve a Window to browsers of this machine until it is closed.
 
-    Only this machine can reach it. port: 0 for any free one. Raises InputError where trame is missing, and for a port
-    that is taken.
+    Raises InputError where trame is missing, and for a port that is taken.
     """
     _check_port(port)
     try:
@@ -49,7 +53,7 @@ def serve(window: "Window", port: int = 0, announce: Callable[[str], None] = lam
     from trame.ui.vuetify3 import VAppLayout
     from trame.widgets import html
 
-    server, token = get_server("relight", client_type="vue3"), secrets.token_urlsafe(TOKEN_BYTES)
+    server, token = get_server("relight", client_type="vue3"), token or new_token()
     server.cli.set_defaults(authKey=token, nosignalhandlers=True)  # we handle Ctrl-C
     server.state.trame__title = f"{window.session.name} \N{MIDDLE DOT} relight"
     window.tick()
@@ -74,7 +78,7 @@ def serve(window: "Window", port: int = 0, announce: Callable[[str], None] = lam
                 port=port, host="127.0.0.1", exec_mode="task", open_browser=False, show_connection_info=False
             )
         await server.ready
-        announce(f"http://127.0.0.1:{server.port}/?secret={token}")
+        announce(address(server.port, token))
         try:
             await run_loop(window, viewer.update)
         finally:
@@ -83,6 +87,16 @@ def serve(window: "Window", port: int = 0, announce: Callable[[str], None] = lam
             task.cancel()
 
     asyncio.run(run())
+
+
+def new_token() -> str:
+    """A token that nobody can guess."""
+    return secrets.token_urlsafe(TOKEN_BYTES)
+
+
+def address(port: int, token: str) -> str:
+    """Of a session that is served."""
+    return f"http://127.0.0.1:{port}/?secret={token}"
 
 
 def _check_port(port: int) -> None:

@@ -18,7 +18,7 @@ def chosen_from(rows, target=1.0, budget_s=None):
     """A Choice among rows of (seconds, error), each with as many bands as its place in the list."""
     choice = Choice.__new__(Choice)
     choice._candidates = [Candidate(*row, Settings("analytic", bands)) for bands, row in enumerate(rows)]
-    choice._target, choice._budget_s, choice._splits = target, budget_s, {}
+    choice._target, choice.budget_s, choice._splits = target, budget_s, {}
     return choice
 
 

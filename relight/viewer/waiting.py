@@ -1,0 +1,148 @@
+"""A first look at a splat, in a window or in a browser, until its session takes the place.
+
+A process of its own shows it, since meshing keeps this one busy: `python -m relight.viewer.waiting`, which reads the
+picture, a PNG, from its input, and ends with it.
+"""
+
+import http.server
+import os
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+from base64 import b64encode
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..output.images import write_png
+
+LINE = "A first look. The surface is being meshed and lit; the session opens when it is ready."
+
+FIRST_LOOK = "X-First-Look"
+"""Header of the answer that the page of the session does not have."""
+
+_PAGE = """<!doctype html><meta charset="utf-8"><title>relight: a first look</title>
+<style>body {{ margin: 0; background: #212123; color: #ddd; font: 16px sans-serif; text-align: center }}
+img {{ max-width: 100vw; max-height: 90vh }}</style>
+<p>{line}</p><img alt="the first look" src="data:image/png;base64,{picture}">
+<script>setInterval(() => fetch(location).then(
+  answer => answer.ok && !answer.headers.get("{header}") && location.reload(), () => {{}}), 1000)</script>
+"""
+
+
+class Served(NamedTuple):
+    """Where a session will be served."""
+
+    port: int
+    token: str
+
+    @classmethod
+    def at(cls, port: int) -> "Served":
+        """On this port, or on any free one for 0."""
+        from .notebook import new_token
+
+        with socket.socket() as tried:
+            tried.bind(("127.0.0.1", 0))
+            return cls(port or tried.getsockname()[1], new_token())
+
+
+@contextmanager
+def in_a_window(picture: NDArray[np.uint8]) -> Iterator[None]:
+    """Show a picture (H, W, 3) in a window, where there is a display."""
+    with _shown(picture, ["window"]):
+        yield
+
+
+@contextmanager
+def in_a_browser(picture: NDArray[np.uint8], place: Served, announce: Callable[[str], None]) -> Iterator[None]:
+    """Serve a picture where the session will be served. announce: receives the address."""
+    from .notebook import _check_port, address
+
+    _check_port(place.port)
+    with _shown(picture, ["browser", str(place.port), place.token]):
+        announce(address(place.port, place.token))
+        yield
+
+
+@contextmanager
+def _shown(picture: NDArray[np.uint8], words: list[str]) -> Iterator[None]:
+    with tempfile.TemporaryDirectory() as work:
+        write_png(Path(work) / "first.png", picture)
+        content = (Path(work) / "first.png").read_bytes()
+    command = [sys.executable, "-m", __name__, *words]
+    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    assert process.stdin is not None  # a pipe
+    try:
+        process.stdin.write(len(content).to_bytes(8, "little") + content)
+        process.stdin.flush()
+        yield
+    finally:
+        process.terminate()
+        process.wait()
+        process.stdin.close()
+
+
+class _Handler(http.server.BaseHTTPRequestHandler):
+    """The page of a first look, for who has the token."""
+
+    def __init__(self, page: bytes, token: str, *arguments: object) -> None:
+        self._page, self._token = page, token
+        super().__init__(*arguments)  # type: ignore[arg-type]
+
+    def log_message(self, *_: object) -> None:
+        pass
+
+    def do_GET(self) -> None:
+        if self.path != f"/?secret={self._token}":
+            self.send_error(403)
+            return
+        self.send_response(200)
+        self.send_header("Content-Type", "text/html; charset=utf-8")
+        self.send_header(FIRST_LOOK, "1")
+        self.end_headers()
+        self.wfile.write(self._page)
+
+
+def _serve(picture: bytes, port: int, token: str) -> None:
+    page = _PAGE.format(line=LINE, picture=b64encode(picture).decode(), header=FIRST_LOOK).encode()
+    http.server.ThreadingHTTPServer(("127.0.0.1", port), partial(_Handler, page, token)).serve_forever()
+
+
+def _open_window(picture: bytes) -> None:
+    import pyvista
+    from PIL import Image
+
+    with tempfile.TemporaryDirectory() as work:
+        path = Path(work) / "first.png"
+        path.write_bytes(picture)
+        size = Image.open(path).size
+        plotter = pyvista.Plotter(window_size=list(size), title="relight: a first look")
+        plotter.add_background_image(str(path))
+    plotter.add_text(LINE, position="lower_left", font_size=9)
+    plotter.show()
+
+
+def _main(words: list[str]) -> None:
+    source = sys.stdin.buffer
+    picture = source.read(int.from_bytes(source.read(8), "little"))
+
+    def end_with_input() -> None:
+        source.read()
+        os._exit(0)
+
+    threading.Thread(target=end_with_input, daemon=True).start()
+    if words[0] == "browser":
+        _serve(picture, int(words[1]), words[2])
+    else:
+        _open_window(picture)
+
+
+if __name__ == "__main__":
+    _main(sys.argv[1:])
