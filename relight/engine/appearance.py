@@ -14,12 +14,12 @@ from splat2mesh.scene.measured import CapturedSky
 from splat2mesh.scene.scene import Scene
 
 from ..albedo import CaptureEvidence, Prior, estimate, with_known_light
-from ..albedo.interior import closed_part, room_notice
 from ..albedo.offered import offer_lights
 from ..albedo.seen import looks_from, standing
 from ..albedo.skylight import LEAST_VISIBLE, visible_part
 from ..light.environment import Environment
 from ..options import lamp_name
+from ..rooms.interior import closed_part, room_notice
 from ..rooms.keeping import as_arrays, room_from
 from ..rooms.room import Pointed, room_of
 from ..transfer.bounces import visible_fraction

@@ -17,11 +17,11 @@ from splat2mesh.scene.measured import CapturedSky
 from splat2mesh.scene.scene import Scene
 
 from ..albedo import samples
-from ..albedo.interior import LOOKS, MOST_CLOSED, within
 from ..albedo.skylight import GROUND, SkyParts
 from ..sh.sphere import fibonacci_sphere
 from ..transfer.occluder import BATCH_RAYS, Frame, Occluder
 from ..transfer.store import Cache
+from .interior import LOOKS, MOST_CLOSED, within
 from .seen import seen_from
 
 CELLS = 1e6

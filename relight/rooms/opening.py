@@ -7,8 +7,8 @@ import numpy as np
 from splat2mesh.base.errors import InputError
 from splat2mesh.scene.scene import Scene
 
-from ..albedo.interior import within
 from ..transfer.occluder import Frame, Occluder
+from .interior import within
 from .seen import ceiling_level
 
 MARGIN = 0.2

@@ -12,13 +12,13 @@ from splat2mesh.scene.scene import Scene
 
 from ..albedo import samples
 from ..albedo.division import Prior, albedo_of, prior_of
-from ..albedo.interior import within
 from ..light.environment import Environment
 from ..transfer.bounces import visible_fraction, with_bounces
 from ..transfer.occluder import Frame, Occluder
 from ..transfer.transport import Transport
 from . import lamps, received, strengths
 from .evenness import Evenness
+from .interior import within
 from .pointing import lamps_at
 from .seen import below_ceiling, seen_from
 from .trust import trust_in

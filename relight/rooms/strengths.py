@@ -2,7 +2,7 @@
 
 C = a S, S = K + sum over emitters of s_j Q_j + B C: what a place receives through windows from the unclipped
 sky, from each emitter, and from the surfaces around it, which were seen to send out C. Under the right strengths
-neighbours, which mostly share a material, mostly agree in albedo (`albedo.fit`). Surfaces need no unknowns: that is
+neighbours, which mostly share a material, mostly agree in albedo (`pair_fit`). Surfaces need no unknowns: that is
 inverse global illumination. Source: Yu et al., "Inverse global illumination" (1999).
 """
 
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from splat2mesh.base.arrays import Floats
 from splat2mesh.scene.color import luminance
 
-from ..albedo import fit
+from . import pair_fit
 from .received import RoomIrradiance
 
 USUAL_ALBEDO, ALBEDO_SPREAD = 0.4, 0.25
@@ -78,7 +78,7 @@ class Strengths(NamedTuple):
 
 
 class _Emitters:
-    """S = known + bounce + sum over j of exp(theta_j) Q_j, as `fit.solve` takes it."""
+    """S = known + bounce + sum over j of exp(theta_j) Q_j, as `pair_fit.solve` takes it."""
 
     def __init__(self, places: RoomIrradiance) -> None:
         self._base, self._of = places.known + places.bounce, places.emitters
@@ -113,16 +113,16 @@ def solve(places: RoomIrradiance, colors: NDArray[np.float64]) -> Strengths | No
     prior = _prior(places)
     for _ in range(SOLVER_ROUNDS):
         start = start + minimize_scalar(unusual, bounds=LOG_STRENGTHS, method="bounded").x
-        found = fit.solve(light, places.log_captured, places.pairs, places.weights, start, prior)
+        found = pair_fit.solve(light, places.log_captured, places.pairs, places.weights, start, prior)
         start = found.theta
     radiance = np.exp(found.theta)
     received = light(found.theta)[0]
-    scale = fit.SCALES[-1]
+    scale = pair_fit.SCALES[-1]
     before = _cost(places, places.log_captured, scale)
     after = _cost(places, places.log_captured - np.log(received), scale)
     groups = [[k] for k in range(lamps)] + [list(range(lamps, count))] * (count > lamps)
     loose = _prior(places, 1.0)
-    evidence = np.array([fit.evidence(found, loose, _brightness(count, group)) for group in groups])
+    evidence = np.array([pair_fit.evidence(found, loose, _brightness(count, group)) for group in groups])
     brought = luminance(radiance[:, None] * places.emitters).mean(axis=1)
     return Strengths(
         radiance[:lamps],
@@ -163,7 +163,7 @@ def averaged(found: Sequence[tuple[RoomIrradiance, Strengths | None]]) -> Streng
 
 
 def _prior(places: RoomIrradiance, stiff: float = STIFF) -> NDArray[np.float64]:
-    """(3 E, 3 E), colours outermost, in units of `fit.STRENGTH`."""
+    """(3 E, 3 E), colours outermost, in units of `pair_fit.STRENGTH`."""
     count, lamps = len(places.emitters), places.lamps
     apart = np.degrees(np.arccos(np.clip(places.patches @ places.patches.T, -1.0, 1.0)))
     alike = np.exp(-0.5 * (apart / PATCH_REACH_DEG) ** 2)
@@ -181,7 +181,7 @@ def _prior(places: RoomIrradiance, stiff: float = STIFF) -> NDArray[np.float64]:
     beside = own - 1.0 / max(count - lamps, 1)
     color = precision(COLOR, PATCH_COLOR, beside @ alike @ beside + LEAST_OWN * own)
     parts = np.kron(gray, bright) + np.kron(np.eye(3) - gray, color)
-    return parts * (STRENGTH / fit.STRENGTH)
+    return parts * (STRENGTH / pair_fit.STRENGTH)
 
 
 def _common(places: RoomIrradiance) -> NDArray[np.float64]:

@@ -8,12 +8,12 @@ from lit_rooms import room
 
 from relight import Environment, LightingOptions, Relighter
 from relight.albedo import samples
-from relight.albedo.interior import within
 from relight.engine.appearance import Place
 from relight.engine.relit_room import RelitRoom
 from relight.jobs.job import Job
 from relight.request import RelightRequest
 from relight.rooms import lamps
+from relight.rooms.interior import within
 from relight.rooms.seen import seen_from
 from relight.rooms.trust import DOUBT, trust_in
 from relight.transfer.occluder import Frame, Occluder

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from relight import Environment, Relighter
-from relight.albedo.interior import MOST_CLOSED, closed_part, within
 from relight.engine.appearance import appearance_of
 from relight.engine.relighter import Shaded, Shading
 from relight.jobs.job import Job
@@ -12,6 +11,7 @@ from relight.jobs.writer import report_of
 from relight.output.results import Results
 from relight.output.subject import AskedFiles, WrittenScene
 from relight.request import RelightRequest
+from relight.rooms.interior import MOST_CLOSED, closed_part, within
 from relight.transfer.bounces import visible_fraction
 from splat2mesh.base.errors import DataWarning
 from splat2mesh.scene.mesh import Mesh
