@@ -323,7 +323,7 @@ def serve_request(
             announce(url)
 
     session = _session(request, stages or Stages(), lambda picture: in_a_browser(picture, place, told))
-    serve(session, port=place.port if announced else port, announce=told, token=place.token)
+    serve(session, port=place, announce=told)
 
 
 def estimate_albedo(

@@ -17,6 +17,7 @@ from splat2mesh.scene.foreign import AnyScene
 
 from ..options import LightingOptions
 from .request import SessionRequest, Turntable
+from .waiting import Served
 
 if TYPE_CHECKING:
     from ..light.environment import Environment
@@ -77,10 +78,9 @@ def serve(
     environment: "Environment | str | os.PathLike[str]" = "studio",
     options: LightingOptions | str | None = None,
     *,
-    port: int = 0,  # any free one
+    port: int | Served = 0,  # 0 for any free one
     announce: Callable[[str], None] = lambda url: None,  # receives the address, with its token, once it can be opened
     size: tuple[int, int] | None = None,
-    token: str | None = None,  # of the address; by default a new one
     **wishes: Any,
 ) -> None:
     """The session in a browser of this machine, until it is quit there or interrupted here. Arguments as of `view`.
@@ -92,9 +92,10 @@ def serve(
     from .window import SIZE, Window, load_pyvista
 
     load_pyvista(True)
+    place = port if isinstance(port, Served) else Served.at(port)
     session = Session(SessionRequest.of(scene, environment, options, **wishes))
     try:
-        served(Window(session, size or SIZE, off_screen=True), port, announce, token)
+        served(Window(session, size or SIZE, off_screen=True), place, announce)
     finally:
         session.close()
 

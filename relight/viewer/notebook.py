@@ -1,8 +1,6 @@
 """The session in a notebook or a browser, drawn here and streamed there by trame."""
 
 import asyncio
-import secrets
-import socket
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -10,15 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 from splat2mesh.base.errors import InputError
 
+from .waiting import Served
 from .window import IDLE_SECONDS
 
 if TYPE_CHECKING:
     from .window import Window
 
 _MISSING = 'the session in a notebook or a browser needs trame: pip install "splat2mesh[web]"'
-
-TOKEN_BYTES = 16
-"""Bytes of the token in the address. Without it nobody can connect to the session, even from this machine."""
 
 
 def show_widget(window: "Window") -> Any:
@@ -34,17 +30,11 @@ def show_widget(window: "Window") -> Any:
     return widget
 
 
-def serve(
-    window: "Window",
-    port: int = 0,  # 0 for any free one
-    announce: Callable[[str], None] = lambda url: None,  # receives the address, which holds the token
-    token: str | None = None,  # of an address that was announced before; by default a new one
-) -> None:
-    """Serve a Window to browsers of this machine until it is closed.
+def serve(window: "Window", place: Served, announce: Callable[[str], None] = lambda url: None) -> None:
+    """Serve a Window to browsers until it is closed. announce: receives the address once it can be opened.
 
-    Raises InputError where trame is missing, and for a port that is taken.
+    Raises InputError where trame is missing.
     """
-    _check_port(port)
     try:
         from trame.app import get_server
         from trame_pyvista.ui import get_viewer, plotter_ui
@@ -53,8 +43,8 @@ def serve(
     from trame.ui.vuetify3 import VAppLayout
     from trame.widgets import html
 
-    server, token = get_server("relight", client_type="vue3"), token or new_token()
-    server.cli.set_defaults(authKey=token, nosignalhandlers=True)  # we handle Ctrl-C
+    server = get_server("relight", client_type="vue3")
+    server.cli.set_defaults(authKey=place.token, nosignalhandlers=True)  # we handle Ctrl-C
     server.state.trame__title = f"{window.session.name} \N{MIDDLE DOT} relight"
     window.tick()
 
@@ -75,10 +65,10 @@ def serve(
     async def run() -> None:
         with _no_arguments():
             task = server.start(
-                port=port, host="127.0.0.1", exec_mode="task", open_browser=False, show_connection_info=False
+                port=place.port, host="127.0.0.1", exec_mode="task", open_browser=False, show_connection_info=False
             )
         await server.ready
-        announce(address(server.port, token))
+        announce(place.address)
         try:
             await run_loop(window, viewer.update)
         finally:
@@ -87,26 +77,6 @@ def serve(
             task.cancel()
 
     asyncio.run(run())
-
-
-def new_token() -> str:
-    """A token that nobody can guess."""
-    return secrets.token_urlsafe(TOKEN_BYTES)
-
-
-def address(port: int, token: str) -> str:
-    """Of a session that is served."""
-    return f"http://127.0.0.1:{port}/?secret={token}"
-
-
-def _check_port(port: int) -> None:
-    """Raise InputError for a port that another program has."""
-    with socket.socket() as tried:
-        tried.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            tried.bind(("127.0.0.1", port))
-        except OSError as error:
-            raise InputError(f"port {port} cannot be used ({error.strerror}): choose another, or none") from None
 
 
 @contextmanager

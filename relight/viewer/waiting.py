@@ -6,7 +6,9 @@ picture, a PNG, from its input, and ends with it.
 
 import http.server
 import os
+import secrets
 import socket
+import struct
 import subprocess
 import sys
 import tempfile
@@ -20,6 +22,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from splat2mesh.base.errors import InputError
 
 from ..output.images import write_png
 
@@ -37,20 +41,31 @@ img {{ max-width: 100vw; max-height: 90vh }}</style>
 """
 
 
+TOKEN_BYTES = 16
+"""Bytes of the token in an address. Without it nobody can connect to the session, even from this machine."""
+
+
 class Served(NamedTuple):
-    """Where a session will be served."""
+    """Where a session is served: only this machine can reach it, with the token."""
 
     port: int
     token: str
 
     @classmethod
     def at(cls, port: int) -> "Served":
-        """On this port, or on any free one for 0."""
-        from .notebook import new_token
-
+        """On this port, or on any free one for 0. Raises InputError for one that another program has."""
         with socket.socket() as tried:
-            tried.bind(("127.0.0.1", 0))
-            return cls(port or tried.getsockname()[1], new_token())
+            tried.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            try:
+                tried.bind(("127.0.0.1", port))
+            except OSError as error:
+                raise InputError(f"port {port} cannot be used ({error.strerror}): choose another, or none") from None
+            return cls(tried.getsockname()[1], secrets.token_urlsafe(TOKEN_BYTES))
+
+    @property
+    def address(self) -> str:
+        """The URL to open."""
+        return f"http://127.0.0.1:{self.port}/?secret={self.token}"
 
 
 @contextmanager
@@ -63,11 +78,8 @@ def in_a_window(picture: NDArray[np.uint8]) -> Iterator[None]:
 @contextmanager
 def in_a_browser(picture: NDArray[np.uint8], place: Served, announce: Callable[[str], None]) -> Iterator[None]:
     """Serve a picture where the session will be served. announce: receives the address."""
-    from .notebook import _check_port, address
-
-    _check_port(place.port)
     with _shown(picture, ["browser", str(place.port), place.token]):
-        announce(address(place.port, place.token))
+        announce(place.address)
         yield
 
 
@@ -89,7 +101,7 @@ def _shown(picture: NDArray[np.uint8], words: list[str]) -> Iterator[None]:
         process.stdin.close()
 
 
-class _Handler(http.server.BaseHTTPRequestHandler):
+class _FirstLookHandler(http.server.BaseHTTPRequestHandler):
     """The page of a first look, for who has the token."""
 
     def __init__(self, page: bytes, token: str, *arguments: object) -> None:
@@ -112,17 +124,16 @@ class _Handler(http.server.BaseHTTPRequestHandler):
 
 def _serve(picture: bytes, port: int, token: str) -> None:
     page = _PAGE.format(line=LINE, picture=b64encode(picture).decode(), header=FIRST_LOOK).encode()
-    http.server.ThreadingHTTPServer(("127.0.0.1", port), partial(_Handler, page, token)).serve_forever()
+    http.server.ThreadingHTTPServer(("127.0.0.1", port), partial(_FirstLookHandler, page, token)).serve_forever()
 
 
 def _open_window(picture: bytes) -> None:
     import pyvista
-    from PIL import Image
 
     with tempfile.TemporaryDirectory() as work:
         path = Path(work) / "first.png"
         path.write_bytes(picture)
-        size = Image.open(path).size
+        size = struct.unpack(">II", picture[16:24])  # of a PNG's header
         plotter = pyvista.Plotter(window_size=list(size), title="relight: a first look")
         plotter.add_background_image(str(path))
     plotter.add_text(LINE, position="lower_left", font_size=9)

@@ -16,7 +16,7 @@ pytest.importorskip("trame_pyvista", reason="the extra web is not installed")
 
 from viewer_scenes import ball_on_plate
 
-from relight.viewer.notebook import _check_port
+from relight.viewer.waiting import Served
 from splat2mesh.base.errors import InputError
 
 ROOT = Path(__file__).parents[3]
@@ -94,6 +94,6 @@ def test_a_session_is_served_to_who_has_its_token_until_it_is_interrupted(served
     for wrong in ("wslink-secret", "", token[:-1]):
         assert "Authentication failed" in asyncio.run(greeting(port, wrong))
     with pytest.raises(InputError, match=f"port {port} cannot be used"):
-        _check_port(port)
+        Served.at(port)
     process.send_signal(signal.SIGINT)
     assert process.wait(60) == 130

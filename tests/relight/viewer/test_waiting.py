@@ -18,7 +18,6 @@ from PIL import Image
 from relight import api
 from relight.request import RelightRequest
 from relight.viewer.waiting import _PAGE, FIRST_LOOK, Served, in_a_browser
-from splat2mesh.base.errors import InputError
 from splat2mesh.base.progress import Stages
 from splat2mesh.options import ConvertOptions
 from splat2mesh.splats.formats import write_inria_ply
@@ -52,13 +51,6 @@ def test_a_browser_sees_it_until_the_session_is_ready():
     with pytest.raises(OSError):
         urllib.request.urlopen(url, timeout=10)
     assert FIRST_LOOK in _PAGE.format(line="", picture="", header=FIRST_LOOK)
-
-
-def test_a_taken_port_is_refused():
-    place = Served.at(0)
-    with in_a_browser(PICTURE, place, lambda url: fetched(url).close()):
-        with pytest.raises(InputError, match="cannot be used"), in_a_browser(PICTURE, place, lambda url: None):
-            pass
 
 
 def test_a_window_shows_it():
