@@ -136,7 +136,7 @@ def _open_window(picture: bytes) -> None:
         size = struct.unpack(">II", picture[16:24])  # of a PNG's header
         plotter = pyvista.Plotter(window_size=list(size), title="relight: a first look")
         plotter.add_background_image(str(path))
-    plotter.add_text(LINE, position="lower_left", font_size=9)
+    plotter.add_text(LINE, position="lower_left", font_size=9, color="white", shadow=True)
     plotter.show()
 
 
