@@ -1,8 +1,8 @@
 """Writes neural-gash.bin: the network of relight/models/neural-gash.onnx for programs without an ONNX runtime.
 
-Little-endian: "GASH", version 1, the number of layers L, L + 1 sizes (uint32); of each layer scales (out float32), biases
-(out float32), and weights (out, in) int16, which times the scale of their row are the weights. Half as many bytes as
-the ONNX file. Needs `pip install onnx`: `python integrations/web/make_gash.py FOLDER`.
+Little-endian: "GASH", version 1, the number of layers L, L + 1 sizes (uint32); of each layer scales (out float32),
+biases (out float32), and weights (out, in) int16, which times the scale of their row are the weights. Half as many
+bytes as the ONNX file. Needs `pip install onnx`: `python integrations/web/make_gash.py FOLDER`.
 """
 
 import sys

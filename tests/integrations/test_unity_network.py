@@ -1,11 +1,10 @@
-"""The network on skinned meshes in Unity, run by Mono: motors, light turned by rotors, vertex colours, against Python."""
-
-import sys
+"""The network on skinned meshes in Unity, run by Mono: motors, turned light and vertex colours, against Python."""
 
 import numpy as np
 import pytest
 from lit_ball import ball_scene
-from mono import ROOT, compiled, ran, rows
+from mono import compiled, ran, rows
+from network_file import network_bytes
 from scipy.spatial.transform import Rotation
 
 from relight import Environment
@@ -33,13 +32,8 @@ def program(tmp_path_factory):
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """StreamingAssets: a light, and the network as the exporter writes it."""
-    pytest.importorskip("onnx")
-    sys.path.insert(0, str(ROOT / "integrations" / "web"))
-    import make_gash
-
-    sys.path.pop(0)
     place = tmp_path_factory.mktemp("assets")
-    (place / "neural-gash.bin").write_bytes(make_gash.packed())
+    (place / "neural-gash.bin").write_bytes(network_bytes())
     scene, albedo = ball_scene(4)
     nine = np.zeros((len(albedo), 9), np.float32), np.zeros((len(albedo), 3), np.float32)
     write_live_glb(place / "live.glb", scene, albedo, nine, ShownLight(light().rotated(ANGLE_DEG), EXPOSURE))
