@@ -1,6 +1,6 @@
 // The network of the Neural-GASh paper on a skinned mesh: every frame its vertices as posed become motors, the network
 // predicts their transfer, and its product with the light goes into the vertex colours (linear; shader Relight/Color). This
-// component runs the network on the processor, for a few hundred vertices; RelightSkinnedInference by the Inference Engine.
+// component runs the network in plain C#, for small meshes; RelightSkinnedInference by the Inference Engine, for all others.
 
 using System;
 using System.Collections.Generic;
