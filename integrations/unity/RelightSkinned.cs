@@ -26,6 +26,7 @@ namespace Relight
         GashFrame frame;
         double[][] sh;
         float exposure;
+        float[] outputs, lastPoints, lastNormals;
         readonly List<Vector3> vectors = new List<Vector3>();
 
         protected virtual IGashNetwork Open() =>
@@ -65,7 +66,10 @@ namespace Relight
             posed.GetVertices(vectors);
             var points = Mirrored();
             posed.GetNormals(vectors);
-            var outputs = network.Run(Gash.Motors(points, Mirrored(), frame), vectors.Count);
+            var normals = Mirrored();
+            if (outputs == null || !Same(points, lastPoints) || !Same(normals, lastNormals))
+                outputs = network.Run(Gash.Motors(points, normals, frame), vectors.Count);
+            (lastPoints, lastNormals) = (points, normals);  // a mesh at rest needs the network no more, however the light turns
             var place = transform.rotation;
             var turn = Rotor.OfUnity(place.x, place.y, place.z, place.w).Reversed.After(Rotor.About(-Axis.x, Axis.y, Axis.z, Angle));
             var radiance = Gash.Radiance(outputs, turn.Turned(sh));
@@ -82,11 +86,18 @@ namespace Relight
             shown.SetColors(colors);  // as floats: highlights are for the shader to compress
         }
 
+        static bool Same(float[] a, float[] b)
+        {
+            for (int i = 0; i < a.Length && a.Length == b.Length; i++) if (a[i] != b[i]) return false;
+            return a.Length == b.Length;
+        }
+
         protected void OnDisable()
         {
             if (skin) skin.sharedMesh = original;
             network?.Dispose();
             network = null;
+            outputs = null;
         }
 
         // Vectors of Unity in the frame of the network, three numbers each.

@@ -116,6 +116,8 @@ public static class Run
             Call(skinned, name);
             if (Debug.Said != null) { Console.Error.WriteLine(Debug.Said); return 2; }
         }
+        skinned.Angle += 360;
+        Call(skinned, "LateUpdate");
         var renderer = (SkinnedMeshRenderer)typeof(RelightSkinned).GetField("skin", BindingFlags.NonPublic | BindingFlags.Instance).GetValue(skinned);
         Print(renderer.sharedMesh.colors.SelectMany(c => new double[] { c.r, c.g, c.b }));
         Call(skinned, "OnDisable");
