@@ -88,8 +88,9 @@ namespace Relight
 
         static bool Same(float[] a, float[] b)
         {
-            for (int i = 0; i < a.Length && a.Length == b.Length; i++) if (a[i] != b[i]) return false;
-            return a.Length == b.Length;
+            if (a.Length != b.Length) return false;
+            for (int i = 0; i < a.Length; i++) if (a[i] != b[i]) return false;
+            return true;
         }
 
         protected void OnDisable()

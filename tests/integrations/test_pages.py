@@ -3,8 +3,6 @@
 Needs Chromium and, where gltf-validator is, the npm modules three, @sparkjsdev/spark and playcanvas; skips without.
 """
 
-import os
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +11,7 @@ from browser import Browser, chromium
 from lit_ball import TILT, ball_scene, splats_of_ball
 from live_bundles import gain, make_bundle, reader, soft_suns
 from network_file import network_bytes
+from npm_modules import folders
 from served import served
 from unpacked import from_rgbe
 
@@ -39,10 +38,8 @@ ANGLE_DEG = 30.0
 
 @pytest.fixture(scope="module")
 def modules():
-    folders = [Path(sys.prefix, "share/node/node_modules")]
-    folders += [Path(folder) for folder in os.environ.get("NODE_PATH", "").split(os.pathsep) if folder]
     needed = "three", "@sparkjsdev/spark", "playcanvas"
-    found = next((folder for folder in folders if all((folder / name).is_dir() for name in needed)), None)
+    found = next((folder for folder in folders() if all((folder / name).is_dir() for name in needed)), None)
     if found is None:
         pytest.skip(f"the npm modules {', '.join(needed)} are not installed")
     if chromium() is None:

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from mono import ROOT
 from network_file import network_bytes
+from npm_modules import folders
 from scipy.spatial.transform import Rotation
 
 from relight.sh import cga, harmonics
-from relight.transfer.neuralgash import neural_gash, unit_points
+from relight.transfer.neuralgash import UnitFrame, neural_gash, unit_points
 from relight.transfer.sessions import open_session
 
 pytestmark = pytest.mark.skipif(shutil.which("node") is None, reason="node is not installed")
@@ -63,3 +64,32 @@ def test_another_file_is_refused_in_one_line(network, tmp_path, change):
     done = ran(tmp_path / "neural-gash.bin", "-")
     assert done.returncode == 2 and done.stdout == "" and done.stderr.count("\n") == 1
     assert "neural-gash.bin" in done.stderr
+
+
+def test_a_skin_takes_points_and_normals_along(tmp_path):
+    modules = next((each for each in folders() if (each / "three").is_dir()), None)
+    if modules is None:
+        pytest.skip("the npm module three is not installed")
+    for path in (*(ROOT / "integrations").glob("*/*.mjs"), ROOT / "tests" / "support" / "skinned_mesh.mjs"):
+        shutil.copy(path, tmp_path)
+    (tmp_path / "node_modules").symlink_to(modules)
+    rng = np.random.default_rng(7)
+    points, normals, weights = rng.normal(size=(20, 3)), rng.normal(size=(20, 3)), rng.uniform(size=20)
+    bones = np.tile(np.eye(4), (2, 1, 1))
+    bones[:, :3, :3] = Rotation.random(2, rng=rng).as_matrix()
+    bones[:, :3, 3] = rng.normal(size=(2, 3))
+    given = {"points": points.ravel().tolist(), "normals": normals.ravel().tolist(), "weights": weights.tolist()}
+    given |= {"bones": bones.reshape(2, 16).tolist()}
+    (tmp_path / "given.json").write_text(json.dumps(given))
+    command = ["node", tmp_path / "skinned_mesh.mjs", tmp_path / "given.json"]
+    done = subprocess.run([str(each) for each in command], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    blended = weights[:, None, None] * bones[0] + (1 - weights)[:, None, None] * bones[1]
+    posed = np.einsum("nij,nj->ni", blended[:, :3, :3], points) + blended[:, :3, 3]
+    np.testing.assert_allclose(np.reshape(found["points"], (-1, 3)), posed, atol=1e-5)
+    turned = np.einsum("nij,nj->ni", blended[:, :3, :3], normals)
+    turned /= np.linalg.norm(turned, axis=1, keepdims=True)
+    np.testing.assert_allclose(np.reshape(found["normals"], (-1, 3)), turned, atol=1e-5)
+    np.testing.assert_allclose(np.reshape(found["colors"], (-1, 3)), np.tile([0.5, 0.5, 3.0], (20, 1)), rtol=1e-6)
+    np.testing.assert_allclose(found["frame"]["middle"], UnitFrame.of(points).middle, atol=1e-6)  # of the pose at rest
