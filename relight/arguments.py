@@ -113,9 +113,10 @@ def parser() -> argparse.ArgumentParser:
         "(one result each; default: captured with added lamps or objects or a changed captured light, else studio)",
     )
     rotate = (
-        "turn the light about +y, counter-clockwise from above; a range (end included) makes a folder for each angle"
+        "turn the light about +y, counter-clockwise from above; a range (end included) makes a folder for each angle; "
+        "45:1,0,0 turns it about an axis of the scene"
     )
-    add("--rotate", dest="angles_deg", metavar="DEG|A:B:STEP", help=rotate)
+    add("--rotate", dest="angles_deg", metavar="DEG|A:B:STEP|DEG:X,Y,Z", help=rotate)
     exposure = "show radiance times 2^EV (default: exposure of the capture, else by the brightest vertices)"
     lamp = "add a lamp: position in the frame of the splat, and what differs from a warm bulb "
     lamp += "(1.5,1.5,-1.5 radius=.1 color=3000K brightness=+1EV), or a file of lamps (docs/lamps.md); repeatable"

@@ -22,6 +22,7 @@ from splat2mesh.cli import convert_options, display_options, tiling_options
 
 from .arguments import parser
 from .light import CAPTURED_SKIES, SKIES
+from .light.axes import check_axis
 from .options import LightingOptions
 from .output.kinds import BAKED, CITY_FILES, COLOR_SPACES, FILES, HARMONICS
 from .request import MOST_ANGLES, RelightRequest
@@ -57,8 +58,12 @@ def main(arguments: list[str] | None = None) -> int:
 def angles_from(text: str) -> list[float]:
     """Return the angles of `--rotate`, in [0, 360), each once: "405" -> [45.0], "0:90:45" -> [0.0, 45.0, 90.0].
 
-    Raises InputError for anything else than DEG or START:STOP:STEP.
+    An axis behind them is that of `axis_from`. Raises InputError for anything else than DEG or START:STOP:STEP.
     """
+    if axis_from(text) is not None:
+        if ":" in text.rpartition(":")[0]:
+            raise InputError(f"--rotate {text}: about an axis it takes one angle, such as 45:1,0,0")
+        return angles_from(text.rpartition(":")[0])
     try:
         values = [float(part) for part in text.split(":")]
     except ValueError:
@@ -72,6 +77,17 @@ def angles_from(text: str) -> list[float]:
     if count > MOST_ANGLES:
         raise InputError(f"--rotate {text}: {count} angles; expected at most {MOST_ANGLES}, take a larger step")
     return list(dict.fromkeys(round((start + i * step) % 360.0, 6) % 360.0 for i in range(count)))
+
+
+def axis_from(text: str) -> tuple[float, float, float] | None:
+    """Return the axis of `--rotate` DEG:X,Y,Z, or None. Raises InputError for one of length 0 and for other words."""
+    axis = text.rpartition(":")[2]
+    if "," not in axis:
+        return None
+    try:
+        return check_axis([float(each) for each in axis.split(",")])
+    except ValueError as error:  # InputError is one
+        raise InputError(f"--rotate {text}: expected an axis of three numbers, not all 0, as in 45:1,0,0") from error
 
 
 def _phrases(words: list[list[str]]) -> list[str]:
@@ -157,12 +173,13 @@ def _done(
     with import_without_collector():
         from splat2mesh.base.kernels import without_blas, without_c_functions
 
-        from .jobs.folders import is_city, relight_files
+        from .jobs import folders, turned
 
         without_blas()
     without_c_functions()
+    request = turned.turned_about(request, axis_from(getattr(words, "angles_deg", "")))
 
-    if is_city(request) or request.sequence:
+    if folders.is_city(request) or request.sequence:
         _refuse_sessions(words, "a sequence" if request.sequence else "a city in tiles")
     elif port is not None and _is_page(Path(words.scene)):
         return _page_served(Path(words.scene), port, display)
@@ -175,7 +192,7 @@ def _done(
             return _served(request, port, stages)
         if hasattr(words, "view") or hasattr(words, "screenshot"):
             return _viewed(request, getattr(words, "screenshot", None), stages)
-        done = relight_files(request, stages)
+        done = folders.relight_files(request, stages)
     finally:
         stages.close()
     if done.job is None:

@@ -89,7 +89,7 @@ void main() {
 }`;
 
 // Highlights are compressed as in preview.png: Khronos PBR Neutral without its mirror reflection.
-const FRAGMENT = `
+export const FRAGMENT = `
 uniform float relightExposure;
 varying vec3 relightRadiance;
 void main() {

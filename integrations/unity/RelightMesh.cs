@@ -48,17 +48,9 @@ namespace Relight
 
         void Load(byte[] data)
         {
-            if (data.Length < 20 || BitConverter.ToUInt32(data, 0) != 0x46546c67) throw new InvalidDataException("not a binary glTF");
-            int length = BitConverter.ToInt32(data, 12);
-            var gltf = (Dictionary<string, object>)Json.Parse(Encoding.UTF8.GetString(data, 20, length));
-            var scene = Map(((List<object>)gltf["scenes"])[0]);
-            if (!scene.TryGetValue("extras", out var extras) || !Map(extras).TryGetValue(Key, out var said))
-                throw new InvalidDataException("has no live light; write it with relight SCENE --format glb --live");
-            var live = Map(said);
-            if ((double)live["version"] > Version || (double)live["coefficients"] != 9)
-                throw new InvalidDataException($"live light of version {live["version"]}, this loader reads {Version}");
-            sh = Json.Rows(Map(live["light"])["sh"]);
-            Angle = (float)(double)Map(live["light"])["angle_deg"];
+            var live = Live(data, out var gltf, out int binary);
+            sh = Sh(live);
+            Angle = AngleOf(live);
             Exposure = (float)(double)live["exposure"];
 
             var positions = new List<Vector3>();
@@ -71,14 +63,14 @@ namespace Relight
                 var named = Map(Map(each)["attributes"]);
                 int first = positions.Count;
                 // glTF is right-handed: x is mirrored, as Unity's importers do, and so are the faces.
-                foreach (var v in Read(gltf, data, 28 + length, named["POSITION"])) positions.Add(new Vector3(-v[0], v[1], v[2]));
-                foreach (var v in Read(gltf, data, 28 + length, named["NORMAL"])) normals.Add(new Vector3(-v[0], v[1], v[2]));
+                foreach (var v in Read(gltf, data, binary, named["POSITION"])) positions.Add(new Vector3(-v[0], v[1], v[2]));
+                foreach (var v in Read(gltf, data, binary, named["NORMAL"])) normals.Add(new Vector3(-v[0], v[1], v[2]));
                 for (int i = 0; i < 3; i++)
-                    foreach (var v in Read(gltf, data, 28 + length, named[$"_TRANSFER_{i}"]))
+                    foreach (var v in Read(gltf, data, binary, named[$"_TRANSFER_{i}"]))
                         channels[i].Add(new Vector4(v[0], v[1], v[2], v[3]));
-                foreach (var v in Read(gltf, data, 28 + length, named["COLOR_0"])) channels[3].Add(new Vector4(v[0], v[1], v[2], 1));
+                foreach (var v in Read(gltf, data, binary, named["COLOR_0"])) channels[3].Add(new Vector4(v[0], v[1], v[2], 1));
                 var corners = new List<int>();
-                foreach (var v in Read(gltf, data, 28 + length, Map(each)["indices"])) corners.Add(first + (int)v[0]);
+                foreach (var v in Read(gltf, data, binary, Map(each)["indices"])) corners.Add(first + (int)v[0]);
                 for (int i = 0; i < corners.Count; i += 3) faces.AddRange(new[] { corners[i], corners[i + 2], corners[i + 1] });
             }
             var made = new Mesh { indexFormat = IndexFormat.UInt32 };
@@ -90,6 +82,26 @@ namespace Relight
             GetComponent<MeshFilter>().sharedMesh = made;
             GetComponent<MeshRenderer>().sharedMaterial = material = new Material(Shader);
         }
+
+        // What live.glb says of its light, its whole JSON, and where its numbers begin.
+        internal static Dictionary<string, object> Live(byte[] data, out Dictionary<string, object> gltf, out int binary)
+        {
+            if (data.Length < 20 || BitConverter.ToUInt32(data, 0) != 0x46546c67) throw new InvalidDataException("not a binary glTF");
+            int length = BitConverter.ToInt32(data, 12);
+            gltf = (Dictionary<string, object>)Json.Parse(Encoding.UTF8.GetString(data, 20, length));
+            binary = 28 + length;
+            var scene = Map(((List<object>)gltf["scenes"])[0]);
+            if (!scene.TryGetValue("extras", out var extras) || !Map(extras).TryGetValue(Key, out var said))
+                throw new InvalidDataException("has no live light; write it with relight SCENE --format glb --live");
+            var live = Map(said);
+            if ((double)live["version"] > Version || (double)live["coefficients"] != 9)
+                throw new InvalidDataException($"live light of version {live["version"]}, this loader reads {Version}");
+            return live;
+        }
+
+        internal static double[][] Sh(Dictionary<string, object> live) => Json.Rows(Map(live["light"])["sh"]);
+
+        internal static float AngleOf(Dictionary<string, object> live) => (float)(double)Map(live["light"])["angle_deg"];
 
         static Dictionary<string, object> Map(object value) => (Dictionary<string, object>)value;
 

@@ -19,7 +19,8 @@ export function slider(light, background = "#000") {
     turn(asked.get("angle") ?? light?.angle ?? 0);
 }
 
-// { renderer, scene, camera, look(eye, target), run(frames) }: the title is "shown" after so many frames.
+// { renderer, scene, camera, look(eye, target), run(frames, before) }: the title is "shown" after so many frames; before(seconds) is
+// called before each.
 export function threeStage(THREE, OrbitControls, fov, antialias = false) {
     const renderer = new THREE.WebGLRenderer({ antialias }), scene = new THREE.Scene();
     document.body.appendChild(renderer.domElement);
@@ -30,7 +31,8 @@ export function threeStage(THREE, OrbitControls, fov, antialias = false) {
         controls.target.set(...numbers("target", target));
         controls.update();
     };
-    const run = (frames) => renderer.setAnimationLoop(() => {
+    const run = (frames, before) => renderer.setAnimationLoop((time) => {
+        before?.(time / 1000);
         if (renderer.domElement.clientWidth !== innerWidth || camera.aspect !== innerWidth / innerHeight) {
             camera.aspect = innerWidth / innerHeight;
             camera.updateProjectionMatrix();

@@ -223,6 +223,7 @@ def report_of(job: Job, shaded: Shaded) -> dict[str, Any]:
         "chunks": len(job.known.scene.chunks),
         "environment": {"name": light.name, "source": job.light_name, "repaired_pixels": light.repaired},
         "angle_deg": light.rotation_deg,
+        "turned": light.turned,
         "lamps": _lamps_of(job.inputs.options),
         "placed": job.mix.in_words,
         "inserted": [described(each) for each in job.inputs.asked_inserts],

@@ -4,7 +4,7 @@ import copy
 import math
 import os
 import warnings
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from splat2mesh.scene.color import luminance
 
 from ..sh import latlong, rotors
 from . import projections, skies
+from .axes import check_axis
 from .environment_files import read_light
 
 MOST_RADIANCE = 1e12
@@ -51,6 +52,7 @@ class Environment:
     name: for file names and reports.
     rotation_deg: active rotation about +y in [0, 360), counter-clockwise seen from +y (+z goes to +x).
     formula: name of the built-in sky that it is, which pictures show in any detail; None for others.
+    turned: axis and angle_deg of a turn about another axis that the image has; None without.
     exposed: whether it is in the unit of a capture's colours, which need no exposure to be found.
     repaired: dict of defect -> number of pixels that had it. "NaN": now the mean of the valid values around
         it (0 without any); "infinite": the largest finite value of its channel; "negative": 0;
@@ -82,6 +84,7 @@ class Environment:
         self.radiance.setflags(write=False)
         self.rotation_deg = _reduced(rotation_deg)
         self.formula: str | None = None
+        self.turned: dict[str, Any] | None = None
         self.exposed = False
         self._derived: dict[
             Hashable, Any
@@ -157,6 +160,38 @@ class Environment:
         turned = copy.copy(self)
         turned.rotation_deg = _reduced(self.rotation_deg + _reduced(angle_deg))
         return turned
+
+    def turned_about(self, axis: Sequence[float], angle_deg: float) -> "Environment":
+        """Return this environment turned further, about any axis.
+
+        Parameters
+        ----------
+        axis : sequence of float, (3,)
+            Of any length but 0, scene frame.
+        angle_deg : float
+            Active rotation, right-handed about the axis, degrees.
+
+        Returns
+        -------
+        Environment
+            The turned one: about the vertical as `rotated` gives it, about another axis with an image of its own.
+
+        Raises
+        ------
+        InputError
+            For an axis of length 0, and for what is not finite.
+        """
+        x, y, z = check_axis(axis)
+        if x == z == 0.0:
+            return self.rotated(math.copysign(angle_deg, angle_deg * y))
+        angle_deg = _reduced(angle_deg)
+        largest = max(map(abs, (x, y, z)))  # scaled by it, no square overflows
+        rotor = rotors.from_axis_angle((x / largest, y / largest, z / largest), math.radians(angle_deg))
+        image = projections.latlong_turned(self.radiance, rotor, self.rotation_deg)
+        found = Environment(image, f"{self.name}_{angle_deg:g}_about_{x:g},{y:g},{z:g}")
+        found.exposed, found.repaired = self.exposed, self.repaired
+        found.turned = {"axis": [x, y, z], "angle_deg": angle_deg}
+        return found
 
     def sh(self, bands: int) -> NDArray[np.float64]:
         """Return the radiance coefficients, rotation included.

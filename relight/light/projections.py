@@ -9,9 +9,12 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from splat2mesh.base.arrays import Integers, Mask, Radiance
+from splat2mesh.base.arrays import Floats, Integers, Mask, Radiance
 from splat2mesh.base.sphere import row_solid_angles as row_solid_angles
 from splat2mesh.base.sphere import texel_directions
+
+from ..sh import rotors
+from ..sh.latlong import project_latlong
 
 _EMPTY_SHARE = 0.9  # of the texels outside the picture; the rest leaves room for a logo in a corner
 _DARK = 0.01  # outside counts as black below this share of the median inside
@@ -110,6 +113,42 @@ def latlong_from_cross(image: Radiance) -> NDArray[np.float32]:
         return column, row
 
     return _resample(image, 2 * face, pixel)
+
+
+def latlong_turned(image: Radiance, rotor: Floats, rotation_deg: float = 0.0) -> NDArray[np.float32]:
+    """Resample a lat-long image as turned by a rotor: L(d) becomes L(R^-1 d).
+
+    Parameters
+    ----------
+    image : ndarray, (H, W, 3)
+        Linear radiance, canonical lat-long.
+    rotor : ndarray, (4,)
+        Of `relight.sh.rotors`.
+    rotation_deg : float
+        Turn about +y before it, degrees.
+
+    Returns
+    -------
+    ndarray of float32, (H, 2 H, 3)
+        Canonical lat-long, with the mean radiance of the image.
+    """
+    height, width = image.shape[:2]
+    ends = [np.roll(image[row : row + 1], width // 2, axis=1) for row in (0, height - 1)]  # beyond a pole
+    padded = np.pad(np.concatenate([ends[0], image, ends[1]]), ((0, 0), (1, 1), (0, 0)), mode="wrap")
+    back = np.asarray(rotor) * [1.0, -1.0, -1.0, -1.0]
+
+    def pixel(
+        x: NDArray[np.float64], y: NDArray[np.float64], z: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        # Harmonics of degree 1 are y, z and x, so they turn as directions do.
+        turned = rotors.rotate(np.stack([np.zeros_like(x), y, z, x]).reshape(4, -1), back)
+        _, y, z, x = turned.reshape(4, *x.shape)
+        around = (0.5 - np.arctan2(x, z) / (2.0 * np.pi) + rotation_deg / 360.0) % 1.0
+        return around * width + 1.0, (0.5 - np.arctan2(y, np.hypot(x, z)) / np.pi) * height + 1.0
+
+    turned = _resample(padded, height, pixel)
+    before, after = project_latlong(image, 1)[0], project_latlong(turned, 1)[0]
+    return (turned * np.where(after > 0.0, before / np.maximum(after, 1e-30), 1.0)).astype(np.float32)
 
 
 def _resample(

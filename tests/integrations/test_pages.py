@@ -3,8 +3,6 @@
 Needs Chromium and, where gltf-validator is, the npm modules three, @sparkjsdev/spark and playcanvas; skips without.
 """
 
-import os
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +10,8 @@ import pytest
 from browser import Browser, chromium
 from lit_ball import TILT, ball_scene, splats_of_ball
 from live_bundles import gain, make_bundle, reader, soft_suns
+from network_file import network_bytes
+from npm_modules import folders
 from served import served
 from unpacked import from_rgbe
 
@@ -22,8 +22,11 @@ from relight.output.lamps_glb import ShownLight
 from relight.output.live_glb import write_live_glb
 from relight.output.preview import Preview
 from relight.output.splat_glb import write_splat_glb
+from relight.transfer.neuralgash import UnitFrame, neural_gash
 from splat2mesh.render.rasterize import rasterize
 from splat2mesh.render.view import View
+from splat2mesh.scene.mesh import Mesh
+from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.formats import read_splats
 from splat2mesh.splats.placing import placed
 from splat2mesh.splats.splats import SH_C0, Splats
@@ -35,10 +38,8 @@ ANGLE_DEG = 30.0
 
 @pytest.fixture(scope="module")
 def modules():
-    folders = [Path(sys.prefix, "share/node/node_modules")]
-    folders += [Path(folder) for folder in os.environ.get("NODE_PATH", "").split(os.pathsep) if folder]
     needed = "three", "@sparkjsdev/spark", "playcanvas"
-    found = next((folder for folder in folders if all((folder / name).is_dir() for name in needed)), None)
+    found = next((folder for folder in folders() if all((folder / name).is_dir() for name in needed)), None)
     if found is None:
         pytest.skip(f"the npm modules {', '.join(needed)} are not installed")
     if chromium() is None:
@@ -55,6 +56,7 @@ def site(modules, tmp_path_factory):
         (folder / file.name).symlink_to(file)
     for name in ("three", "spark", "playcanvas"):
         (folder / f"{name}.html").symlink_to(ROOT / "integrations" / name / "index.html")
+    (folder / "deformed.html").symlink_to(ROOT / "integrations" / "three" / "deformed.html")
     return folder
 
 
@@ -82,6 +84,42 @@ def test_three_shows_what_the_preview_shows(site):
     camera = {"eye": EYE, "target": TARGET, "up": (0, 1, 0), "fov_deg": FOV_DEG}
     black = Environment(np.zeros((2, 4, 3)))
     expected = Preview(scene, camera, SIZE, SIZE, 4).render(radiance.astype(np.float32), black, 0.4) / 255.0
+    # Only edges differ, which are sampled at other places.
+    assert psnr(picture, expected) > 34.0
+
+
+def twisted(points, degrees, half):
+    """Points (V, 3) turned about the vertical by so many degrees at the height `half`."""
+    angle = np.radians(degrees) * points[:, 1] / half
+    x = np.cos(angle) * points[:, 0] + np.sin(angle) * points[:, 2]
+    z = np.cos(angle) * points[:, 2] - np.sin(angle) * points[:, 0]
+    return np.stack([x, points[:, 1], z], axis=1)
+
+
+@pytest.mark.parametrize("device", ["card", "processor"])
+def test_three_shows_a_mesh_that_moves_lit_by_the_network(site, device):
+    scene, _ = ball_scene()
+    stretched = scene.vertices * np.float32([1.0, 1.5, 0.4])
+    normals = scene.normals / [1.0, 1.5, 0.4]
+    normals = (normals / np.linalg.norm(normals, axis=1, keepdims=True)).astype(np.float32)
+    body = Scene.from_mesh(Mesh(stretched, normals, scene.faces, scene.colors_srgb), 500)
+    light = Environment.load("studio").rotated(ANGLE_DEG)
+    albedo = np.abs(body.normals)
+    nine = np.zeros((len(albedo), 9), np.float32), np.ones((len(albedo), 3), np.float32)
+    write_live_glb(site / "live.glb", body, albedo, nine, ShownLight(light, 0.4))
+    (site / "neural-gash.bin").write_bytes(network_bytes())
+    picture, said = shown(site, "deformed.html", time=np.pi / 2, device=device)
+    assert said == []
+    frame = UnitFrame.of(body.vertices)
+    posed = twisted(body.vertices.astype(float), 60.0, frame.half)
+    columns = [(twisted(body.vertices + step, 60.0, frame.half) - posed) / 1e-4 for step in 1e-4 * np.eye(3)]
+    bent = np.linalg.solve(np.stack(columns, axis=1), body.normals[..., None].astype(float))[..., 0]
+    transfer = neural_gash(posed, bent, frame=frame)
+    radiance = albedo * np.maximum(transfer @ light.sh(3), 0.0)
+    mesh = Scene.from_mesh(Mesh(posed.astype(np.float32), bent.astype(np.float32), body.faces, body.colors_srgb), 500)
+    camera = {"eye": EYE, "target": TARGET, "up": (0, 1, 0), "fov_deg": FOV_DEG}
+    black = Environment(np.zeros((2, 4, 3)))
+    expected = Preview(mesh, camera, SIZE, SIZE, 4).render(radiance.astype(np.float32), black, 0.4) / 255.0
     # Only edges differ, which are sampled at other places.
     assert psnr(picture, expected) > 34.0
 

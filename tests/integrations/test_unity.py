@@ -1,15 +1,14 @@
 """integrations/unity: compiled by Mono against stubs and run on a bundle; shaders compiled; ONNX by onnxruntime."""
 
 import json
-import shutil
 import subprocess
-from pathlib import Path
 
 import numpy as np
 import pytest
 from engine_shaders import compiled_hlsl, kernel_values
 from lit_ball import ball_scene
 from live_bundles import gain, make_bundle, reader, soft_suns
+from mono import UNITY, compiled, ran, rows
 from probe_lights import LOBE_ERROR, lobe, lobe_irradiance, picture, write_probes_in
 
 from relight import Environment
@@ -18,29 +17,10 @@ from relight.output.live_glb import write_live_glb
 from splat2mesh.base.sphere import fibonacci_sphere
 from splat2mesh.splats.splats import SH_C0
 
-ROOT = Path(__file__).parents[2]
-UNITY = ROOT / "integrations" / "unity"
-
 
 @pytest.fixture(scope="module")
 def program(tmp_path_factory):
-    if shutil.which("mcs") is None or shutil.which("mono") is None:
-        pytest.skip("Mono's C# compiler is not installed (mono-mcs)")
-    path = tmp_path_factory.mktemp("unity") / "run.exe"
-    sources = [*UNITY.glob("*.cs"), *(ROOT / "tests" / "support").glob("unity_*.cs")]
-    done = subprocess.run(
-        ["mcs", "-warnaserror", "-nowarn:649,414", f"-out:{path}", *map(str, sources)], capture_output=True, text=True
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
-    return path
-
-
-def ran(program, *arguments):
-    return subprocess.run(["mono", *map(str, (program, *arguments))], capture_output=True, text=True, timeout=60)
-
-
-def rows(line, width):
-    return np.array(line.split(), float).reshape(-1, width)
+    return compiled(tmp_path_factory.mktemp("unity"))
 
 
 def test_the_buffers_hold_the_splat_in_the_new_light(program, tmp_path):
@@ -171,8 +151,9 @@ def test_a_file_that_holds_no_probes_is_refused_in_one_line(program, tmp_path, t
     assert "version 2, this loader reads 1" in ran(program, "probes", tmp_path, "probes.json", 1, 0, 0, 0).stderr
 
 
-def test_the_shader_compiles_and_its_kernel_is_ours(tmp_path):
-    compiled_hlsl(tmp_path, UNITY)
+def test_the_shaders_compile_and_their_kernel_is_ours(tmp_path):
+    compiled_hlsl(tmp_path, UNITY, "RelightMesh.shader")
+    compiled_hlsl(tmp_path, UNITY, "RelightColor.shader")
     found, expected = kernel_values(tmp_path, (UNITY / "RelightMesh.hlsl").read_text(encoding="utf-8"), "Relight")
     np.testing.assert_allclose(found, expected, rtol=2e-5, atol=1e-6)
 

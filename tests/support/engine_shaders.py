@@ -84,9 +84,9 @@ def glslang(path, *options):
     assert done.returncode == 0, done.stdout + done.stderr
 
 
-def compiled_hlsl(folder, unity):
-    """Compile both stages of RelightMesh.shader, with stand-ins for what Unity includes."""
-    text = (unity / "RelightMesh.shader").read_text(encoding="utf-8")
+def compiled_hlsl(folder, unity, name):
+    """Compile both stages of a .shader, with stand-ins for what Unity includes."""
+    text = (unity / name).read_text(encoding="utf-8")
     program = re.search(r"HLSLPROGRAM(.*?)ENDHLSL", text, re.DOTALL)[1]
     program = program.replace(
         '#include "UnityCG.cginc"', "float4x4 MVP; float4 UnityObjectToClipPos(float4 p) { return mul(MVP, p); }"

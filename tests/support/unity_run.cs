@@ -1,6 +1,8 @@
 // Runs the loaders on a bundle and a live.glb and prints numbers. Arguments: folder, light, angle, exposure, harmonics a
 // splat, and stops of lamps; or
-// "mesh", folder, file, angle; or "probes", folder, file, exposure, x, y, z of a renderer.
+// "mesh", folder, file, angle; or "probes", folder, file, exposure, x, y, z of a renderer; or "motors", points and normals
+// as text; or "turned", axis, angle, and 27 numbers; or "skinned", folder, poses as text, quaternion x y z w, axis, angle,
+// exposure, albedo.
 
 using System;
 using System.Globalization;
@@ -24,6 +26,9 @@ public static class Run
     {
         if (arguments[0] == "mesh") return Mesh(arguments);
         if (arguments[0] == "probes") return Probes(arguments);
+        if (arguments[0] == "motors") return Motors(arguments);
+        if (arguments[0] == "turned") return Turned(arguments);
+        if (arguments[0] == "skinned") return Skinned(arguments);
         Application.streamingAssetsPath = arguments[0];
         try
         {
@@ -69,6 +74,54 @@ public static class Run
         foreach (var light in new[] { lit.Block.Light[0], LightmapSettings.lightProbes.bakedProbes[0] })
             Print(Enumerable.Range(0, 27).Select(i => (double)light[i / 9, i % 9]));
         return (int)lit.lightProbeUsage == 4 ? 0 : 1;
+    }
+
+    static float[] Floats(string path) =>
+        System.IO.File.ReadAllText(path).Split((char[])null, StringSplitOptions.RemoveEmptyEntries).Select(each => (float)Number(each)).ToArray();
+
+    static int Motors(string[] arguments)
+    {
+        float[] points = Floats(arguments[1]), normals = Floats(arguments[2]);
+        Print(Gash.Motors(points, normals, GashFrame.Of(points)).Select(each => (double)each));
+        return 0;
+    }
+
+    static int Turned(string[] arguments)
+    {
+        var given = arguments.Skip(1).Select(Number).ToArray();
+        var sh = Enumerable.Range(0, 9).Select(j => given.Skip(4 + 3 * j).Take(3).ToArray()).ToArray();
+        Print(Rotor.About(given[0], given[1], given[2], given[3]).Turned(sh).SelectMany(row => row));
+        return 0;
+    }
+
+    // The rest pose and the pose of the frame, each as six numbers a vertex: position and normal.
+    static int Skinned(string[] arguments)
+    {
+        Application.streamingAssetsPath = arguments[1];
+        var values = Floats(arguments[2]);
+        var given = arguments.Skip(3).Select(each => (float)Number(each)).ToArray();
+        var vectors = Enumerable.Range(0, values.Length / 3).Select(i => new Vector3(values[3 * i], values[3 * i + 1], values[3 * i + 2])).ToArray();
+        var poses = new[] { vectors.Take(vectors.Length / 2), vectors.Skip(vectors.Length / 2) };
+        var skinned = new RelightSkinned
+        {
+            Axis = new Vector3(given[4], given[5], given[6]), Angle = given[7], Exposure = given[8],
+            Albedo = new Color(given[9], given[10], given[11], 1),
+        };
+        skinned.transform.rotation = new Quaternion { x = given[0], y = given[1], z = given[2], w = given[3] };
+        foreach (var name in new[] { "OnEnable", "LateUpdate" })
+        {
+            var pose = poses[name == "OnEnable" ? 0 : 1].ToList();
+            SkinnedMeshRenderer.Pose.SetVertices(pose.Where((_, i) => i % 2 == 0).ToList());
+            SkinnedMeshRenderer.Pose.SetNormals(pose.Where((_, i) => i % 2 == 1).ToList());
+            Call(skinned, name);
+            if (Debug.Said != null) { Console.Error.WriteLine(Debug.Said); return 2; }
+        }
+        skinned.Angle += 360;
+        Call(skinned, "LateUpdate");
+        var renderer = (SkinnedMeshRenderer)typeof(RelightSkinned).GetField("skin", BindingFlags.NonPublic | BindingFlags.Instance).GetValue(skinned);
+        Print(renderer.sharedMesh.colors.SelectMany(c => new double[] { c.r, c.g, c.b }));
+        Call(skinned, "OnDisable");
+        return renderer.sharedMesh == SkinnedMeshRenderer.Rest && SkinnedMeshRenderer.Rest.colors.Length == 0 ? 0 : 1;
     }
 
     static int Mesh(string[] arguments)

@@ -6,8 +6,18 @@ using System.Collections.Generic;
 
 namespace UnityEngine
 {
-    public class Object { public static implicit operator bool(Object thing) => thing != null; }
-    public class Transform { public Vector3 InverseTransformPoint(Vector3 world) => world; }
+    public class Object
+    {
+        public static implicit operator bool(Object thing) => thing != null;
+        public static T Instantiate<T>(T original) where T : Object => (T)original.MemberwiseClone();
+    }
+    public class Transform
+    {
+        public Quaternion rotation = new Quaternion { w = 1 };
+        public Vector3 InverseTransformPoint(Vector3 world) => world;
+    }
+    public struct Quaternion { public float x, y, z, w; }
+    public struct Color { public float r, g, b, a; public Color(float r, float g, float b, float a) { this.r = r; this.g = g; this.b = b; this.a = a; } }
     public class Component : Object
     {
         public Transform transform = new Transform();
@@ -39,16 +49,32 @@ namespace UnityEngine
     }
     public class MeshFilter : Component { public Mesh sharedMesh; }
     public class MeshRenderer : Renderer { public Material sharedMaterial; }
+    public class SkinnedMeshRenderer : Renderer
+    {
+        // One mesh and one pose, whatever component asks for them.
+        public static Mesh Rest = new Mesh(), Pose = new Mesh();
+        public Mesh sharedMesh = Rest;
+        public void BakeMesh(Mesh mesh)
+        {
+            mesh.Vertices = Pose.Vertices;
+            mesh.Normals = Pose.Normals;
+        }
+    }
     public class Mesh : Object
     {
         public static Mesh Latest;
+        public List<Vector3> Normals;
+        public Color[] colors = new Color[0];
+        public void GetVertices(List<Vector3> values) { values.Clear(); values.AddRange(Vertices); }
+        public void GetNormals(List<Vector3> values) { values.Clear(); values.AddRange(Normals); }
+        public void SetColors(Color[] values) { colors = values; }
         public Rendering.IndexFormat indexFormat;
         public List<Vector3> Vertices;
         public int[] Triangles;
         public Dictionary<int, List<Vector4>> Uvs = new Dictionary<int, List<Vector4>>();
         public Mesh() { Latest = this; }
         public void SetVertices(List<Vector3> values) { Vertices = values; }
-        public void SetNormals(List<Vector3> values) { }
+        public void SetNormals(List<Vector3> values) { Normals = values; }
         public void SetUVs(int channel, List<Vector4> values) { Uvs[channel] = values; }
         public void SetTriangles(List<int> values, int submesh) { Triangles = values.ToArray(); }
         public void RecalculateBounds() { }
