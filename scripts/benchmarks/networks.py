@@ -1,7 +1,7 @@
 """The network of the Neural-GASh paper against every other method of transfer: error, radiance under lights, time.
 
 Errors are relative L2 against thousands of rays; mse and sd are mean and standard deviation, over the vertices, of the
-squared error of their nine coefficients, as the paper tables them, in units of 1e-4. Time is the least of some runs, in
+squared error of their nine coefficients, in units of 1e-4. Time is the least of some runs, in
 processor seconds of all threads, with all preparation that a method needs (including the ray tracer's tree).
 """
 
