@@ -96,7 +96,7 @@ def _looks_of(capture: Capture, asked: ConvertOptions, stages: Stages) -> list[L
         if capture.trained:
             views = [view.resized(effort.pixels) for view in spread_out(capture.trained, effort.views)]
         else:
-            views = virtual_views(shown, effort.views, effort.pixels, up, asked.seed, tell=True)
+            views = virtual_views(shown, effort.views, effort.pixels, up, asked.seed)
     looks = [Look.around(shown, pixel, views)]
     if capture.far.any() and asked.background == "keep":
         behind = capture.splats.take(np.flatnonzero(capture.far))
@@ -141,7 +141,7 @@ def _picture_view(capture: Capture, asked: ConvertOptions, mesh: Mesh, shown: Sp
     """The view of a scene's picture. shown: the foreground, dilated."""
     up, standing = capture.rotation[1, :3], capture.standing
     if standing.kind == "outside":
-        return picture_view(shown, up, within=asked.surface != "field")
+        return picture_view(shown, up)
     depth_in = mesh_depth(mesh.vertices, mesh.faces)
     return place_view(mesh.vertices, depth_in, standing.eyes, spread_out(capture.trained, PICTURED), up)
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ..base.arrays import Bounds, Directions, Floats, Integers, Points, Quaternions, Vector
 from ..base.kernels import kernel
 from ..base.threads import shared
-from ..splats.splats import Splats
+from ..splats.splats import SOLID, Splats
 
 CELLS, OUTER_CELLS = 12_000_000, 1_500_000
 """Cells of the innermost grid and of each further one: 48 MB, and 6 MB each."""
@@ -33,8 +33,9 @@ FINEST_SHARE = 0.1
 SCALES_PER_PIXEL = 1.4
 """The largest scale of such a Gaussian in training pixels: what training lets shrink."""
 
-SOLID = 0.3
-"""Opacity above which a Gaussian counts for the size of pixels."""
+
+OCCUPIED = 0.3
+"""Optical depth from which a cell belongs to something."""
 
 STOPPED = -math.log(0.5)
 """Optical depth at which a ray counts as stopped: half of the light is."""

@@ -10,7 +10,7 @@ from ..base.arrays import Floats, Matrix4
 from ..scene.optical_depth import MOST, OpticalDepth
 from ..splats.placing import placed
 from ..splats.splats import Splats
-from .opacitygrid import SAMPLES, deal, normal_points
+from .opacitygrid import OCCUPIED, SAMPLES, deal, normal_points
 
 CELLS = 500_000
 """Cells of each grid: a leaf does not matter, a bush does."""
@@ -25,9 +25,6 @@ CORE = 2.0, 98.0
 ASKEW = 0.5
 """Of its face, what a leaf that may be turned any way hides on the mean: a flat thing's mean projected area is half of
 it. In a generated garden the whole face, and three quarters of a cell less before it, were a tenth worse."""
-
-OCCUPIED = 0.3
-"""Optical depth from which a cell belongs to something, and may be the ground of its column."""
 
 OVERHANG = 9
 """Cells: an overhang without ground below it that is narrower than this takes the ground from beside it."""
@@ -68,7 +65,7 @@ def optical_depth(
 
 def _grounded(depth: NDArray[np.float32]) -> NDArray[np.float32]:
     """(X, Y, Z) with all that lies below the lowest occupied cell of a column opaque; narrow overhangs have none."""
-    occupied = depth > OCCUPIED
+    occupied = depth > OCCUPIED  # one may be the ground of its column
     height = depth.shape[1]
     lowest = np.where(occupied.any(axis=1), occupied.argmax(axis=1), height)
     lowest = scipy.ndimage.grey_opening(lowest, size=(OVERHANG, OVERHANG), mode="nearest")

@@ -7,8 +7,9 @@ import numpy as np
 
 from ..base.arrays import Mask, Vector
 from ..base.calibration import NOT_RECORDED, Provenance
+from ..base.sphere import level_axes
 from ..render.view import View
-from ..splats.splats import Splats
+from ..splats.splats import SOLID, Splats
 from ..views.ground import weighted_median
 from ..views.viewpoints import bounds_of
 
@@ -32,8 +33,6 @@ class BackgroundCalibration:
 
 BACKGROUND = BackgroundCalibration()
 
-SOLID = 0.3
-"""Opacity above which a splat is solid enough to be counted here."""
 
 ENVIRONMENT_FROM = 5.0
 """Percentile of the distances of the environment that a capture keeps apart, above which the background begins."""
@@ -76,11 +75,10 @@ def views_from_within(foreground: Splats, pixels: int, up: Vector) -> list[View]
     """
     low, high = bounds_of(foreground)
     center, reach = (low + high) / 2.0, np.ptp([low, high], axis=0) / 4.0
-    ahead = np.linalg.svd(up[None])[2][1]
-    axes = np.stack([ahead, np.cross(up, ahead), up])
+    axes = np.stack([*level_axes(up), up])
     turns = (np.arange(EYES) + 0.5) * 2.0 * np.pi / EYES
     eyes = [center + reach * (np.cos(turn) * axes[0] + np.sin(turn) * axes[1]) for turn in turns]
-    tops = [up, up, ahead] * 2  # along the same axes as the directions, lest the views up and down be askew: gaps
+    tops = [up, up, axes[0]] * 2  # along the same axes as the directions, lest the views up and down be askew: gaps
     return [
         View.look_at(eye, eye + direction, top, FOV_DEG, pixels)
         for eye in eyes

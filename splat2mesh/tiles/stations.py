@@ -10,13 +10,12 @@ import scipy
 from numpy.typing import NDArray
 
 from ..base.arrays import Floats, Mask, Vector
+from ..splats.splats import SOLID
 from ..views.eyes import Eye
 
 CELLS = 14
 """Cells of the grid of what is taken, along the distance between stations."""
 
-SOLID = 0.3
-"""Opacity from which a splat takes its cell."""
 
 CLEAR_CELLS = 2.0
 """Cells between a station and the nearest taken one, at least."""

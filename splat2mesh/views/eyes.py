@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.arrays import Vector
+from ..base.sphere import level_axes
 from ..render.view import View
 
 FOV_DEG = 92.0
@@ -25,8 +26,7 @@ class Eye(NamedTuple):
 
 def around(eyes: Sequence[Eye], pixels: int, up: Vector) -> tuple[list[View], NDArray[np.float64]]:
     """Six views from each Eye, and their near planes: list of View, (6 E,) float64. up: (3,) unit."""
-    ahead = np.linalg.svd(np.asarray(up, np.float64)[None])[2][1]
-    side = np.cross(up, ahead)
+    ahead, side = level_axes(up)
     views, near = [], []
     for turn, eye in enumerate(eyes):
         a = turn * GOLDEN

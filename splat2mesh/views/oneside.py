@@ -3,6 +3,7 @@
 import numpy as np
 
 from ..base.arrays import Directions, Floats, Vector
+from ..base.sphere import level_directions
 
 TURNS = 24
 """Directions tried as the front, all around."""
@@ -46,10 +47,7 @@ def sharp_side(
     flat = directions[used] - height[used, None] * up
     flat /= np.linalg.norm(flat, axis=1, keepdims=True)
     blurred = blur[used]
-    ahead = np.linalg.svd(up[None])[2][1]
-    side = np.cross(up, ahead)
-    turns = np.arange(TURNS) * 2 * np.pi / TURNS
-    towards = np.cos(turns)[:, None] * ahead + np.sin(turns)[:, None] * side
+    towards = level_directions(up, TURNS)
     contrasts = np.array([_contrast(flat @ toward, blurred) for toward in towards])
     if contrasts.max() < least:
         return None
