@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..base.arrays import Floats, Indices, Integers, Vector
 from ..base.distinct import distinct
 from ..base.kernels import kernel
-from .sight import FusionSight
+from .sight import FusionSight, Truncation
 
 BITS = 19
 """Of each coordinate in a key; the level has what is left of 63."""
@@ -120,18 +120,11 @@ def _mark(
 
 
 def requested_cells(
-    sights: Sequence[FusionSight],
-    steps: Iterable[Floats],
-    origin: Vector,
-    finest: float,
-    narrow: float,
-    wide: float,
-    most: int,
+    sights: Sequence[FusionSight], steps: Iterable[Floats], origin: Vector, truncation: Truncation, most: int
 ) -> Indices | None:
     """Keys of the cells that the pixels of all views ask for: (C,) int64 sorted, or None for more than `most`.
 
-    sights: of `adaptive`. steps: list of (H, W), wanted sides of the cells, world units. origin: (3,) world.
-    finest: side of the smallest cell. narrow, wide: cells to mark on either side of the surface, least and most.
+    steps: list of (H, W), wanted sides of the cells, world units. origin: (3,) world.
     """
     largest = 1 << int(np.ceil(np.log2(2.1 * most)))
     table, count = np.full(min(FIRST_TABLE, largest), EMPTY, np.int64), 0
@@ -139,7 +132,7 @@ def requested_cells(
         use = sight.weight > 0
         rays = sight.view.ray_directions()[use]
         seen = sight.plane[..., 3][use].astype(np.float64), sight.spread[use].astype(np.float64)
-        arrays = *seen, sight.view.center - origin, step[use], finest, narrow, wide, OCTREE_LEVELS
+        arrays = *seen, sight.view.center - origin, step[use], *truncation[:3], OCTREE_LEVELS
         while (found := _mark(table, count, rays, *arrays)) < 0:
             if len(table) >= largest:
                 return None

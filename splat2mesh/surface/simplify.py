@@ -11,6 +11,7 @@ import numpy as np
 from ..base.arrays import Faces, Floats, Indices, Integers, Mask, Points, Vector
 from ..base.kernels import kernel
 from ..base.threads import shared
+from ..scene.mesh import edge_ends, edge_keys
 
 LONGEST = 6.0
 """Length in cells that no edge outgrows: colours need vertices on flat ground too."""
@@ -84,9 +85,8 @@ def simplify(points: Points, faces: Faces, sizes: Floats, wanted: int, fixed: Ma
 
 def _edges(faces: Faces, count: int) -> tuple[Indices, Indices]:
     """Each edge once, (E, 2) int64, smaller end first, and how many faces it has."""
-    starts, ends = faces.T.ravel().astype(np.int64), np.roll(faces, -1, axis=1).T.ravel().astype(np.int64)
-    key, uses = np.unique(np.minimum(starts, ends) * count + np.maximum(starts, ends), return_counts=True)
-    return np.stack([key // count, key % count], axis=1), uses
+    keys, uses = np.unique(edge_keys(faces, count), return_counts=True)
+    return edge_ends(keys, count), uses
 
 
 @kernel

@@ -36,7 +36,7 @@ def brightness_from_above(splats: Splats, up: Vector) -> float:
         values = []
         for direction in level_directions(up, SIDES):
             backward = level * direction + sign * np.sin(np.radians(ELEVATION_DEG)) * up
-            view = View.holding(corners, backward, up, OUTER_FOV_DEG, PIXELS, PIXELS)
+            view = View.look_at(backward, np.zeros(3), up, OUTER_FOV_DEG, PIXELS).holding(corners)
             picture = rasterize(splats, view)
             solid = picture.alpha > 0.5
             if solid.any():

@@ -194,7 +194,8 @@ def picture_view(splats: Splats, up: Vector) -> View:
     size = CANDIDATE_PIXELS, round(CANDIDATE_PIXELS / PICTURE_ASPECT)
     tilt = np.tan(picture_elevation(held, up)) * up
     backwards = level_directions(up, PICTURE_TURNS) + tilt
-    views = [View.holding(held, backward, up, OUTER_FOV_DEG, *size, margin=1.2) for backward in backwards]
+    ways = [View.look_at(backward, np.zeros(3), up, OUTER_FOV_DEG, *size) for backward in backwards]
+    views = [way.holding(held, margin=1.2) for way in ways]
     judged = Judged.by(sketch, views, bounds)
     sharp = 2 * judged.fuzziness.min() + 1e-12
     return views[int(np.argmax(judged.edges / (1 + (judged.fuzziness / sharp) ** 2)))]
