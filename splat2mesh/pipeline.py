@@ -209,10 +209,8 @@ def _settings(capture: Capture, asked: ConvertOptions) -> dict[str, Any]:
 
 
 def add_texture(scene: Scene, looks: list[Look], size: int | str, stages: Stages) -> None:
-    """Give a Scene that was not saved yet its texture, which `save` writes as mesh.glb.
-
-    looks: what shows it. size: side in texels, or "auto". Raises InputError.
-    """
+    """Give a Scene that was not saved yet its texture, which `save` writes as mesh.glb. looks: what shows it. size:
+    side in texels, or "auto". Raises InputError."""
     from .texture.glb import mesh_glb
     from .texture.texture import texture_of
 
@@ -247,9 +245,7 @@ def _described(standing: Standpoints, rotation: Matrix4) -> dict[str, Any]:
 
 def preview_camera(view: View, middle: Vector, rotation: Matrix4) -> dict[str, Any]:
     """Return the camera of the scene's pictures, as scene.json keeps it: eye, target, up in its frame and fov_deg.
-
-    view: View in the splat's frame. middle: (3,) of what it shows; the target lies as far away.
-    """
+    view: View in the splat's frame. middle: (3,) of what it shows; the target lies as far away."""
     turn, distance = rotation[:3, :3], np.linalg.norm(view.center - middle)
     return {
         "eye": (turn @ view.center).tolist(),

@@ -26,10 +26,8 @@ def check_proxy(kind: str | None) -> None:
 
 
 def add_proxy(scene: Scene, kind: str, seed: int = 0) -> None:
-    """Add a proxy to a Scene that is not saved yet; `save` writes it as proxy.glb, in the scene frame.
-
-    kind: "closed" or "convex". Far background takes no part. Raises InputError.
-    """
+    """Add a proxy to a Scene that is not saved yet; `save` writes it as proxy.glb, in the scene frame. kind: "closed"
+    or "convex". Far background takes no part. Raises InputError."""
     check_proxy(kind)
     eyes = scene.capture.get("eyes")
     bodies: list[tuple[NDArray[Any], NDArray[Any]]]

@@ -56,10 +56,7 @@ class Record(dict):
 
 
 class GltfData:
-    """A .glb or .gltf with its buffers in memory.
-
-    document: its JSON, as Records. size: bytes of the file.
-    """
+    """A .glb or .gltf with its buffers in memory. document: its JSON, as Records. size: bytes of the file."""
 
     def __init__(self, path: str | Path, meshless: bool = False) -> None:
         """meshless: it may hold no meshes. Raises InputError for a file that is missing, broken, or packed."""
@@ -111,11 +108,8 @@ class GltfData:
         return loads(chunks[0][1], object_hook=Record), blob
 
     def array(self, index: int, what: str) -> NDArray:
-        """Read an accessor.
-
-        what: what it is of, for messages. Returns (N,) or (N, width): as stored or, where it is normalised, float32 in
-        [-1, 1]. Raises InputError where it does not fit its buffer.
-        """
+        """Read an accessor. what: what it is of, for messages. Returns (N,) or (N, width): as stored or, where it is
+        normalised, float32 in [-1, 1]. Raises InputError where it does not fit its buffer."""
         try:
             accessor = entry(self.document.accessors, index)
             dtype, width = np.dtype(COMPONENTS[accessor.componentType]), WIDTHS[accessor.type]
@@ -136,11 +130,8 @@ class GltfData:
         return values[:, 0] if width == 1 else values
 
     def vectors(self, index: Any, count: int, width: int, what: str) -> NDArray:
-        """Read an accessor of vectors.
-
-        count, width: the shape that it must have. what: what it is of, for messages. Returns (count, width) float32.
-        Raises InputError for another shape, and unless it is finite.
-        """
+        """Read an accessor of vectors. count, width: the shape that it must have. what: what it is of, for messages.
+        Returns (count, width) float32. Raises InputError for another shape, and unless it is finite."""
         values = self.array(index, what)
         if values.shape != (count, width):
             raise InputError(f"{self.path}: {what} must have shape ({count}, {width}), found {values.shape}")
@@ -189,11 +180,8 @@ class GltfData:
         return file.read_bytes()
 
     def encoded(self, image: Any) -> bytes:
-        """Return the bytes of a picture, packed as in its file.
-
-        image: an entry of `document.images`, or what names a `bufferView` alone. Raises InputError where its file is
-        missing.
-        """
+        """Return the bytes of a picture, packed as in its file. image: an entry of `document.images`, or what names a
+        `bufferView` alone. Raises InputError where its file is missing."""
         if image.uri is None:
             length = entry(self.document.bufferViews, image.bufferView).byteLength
             return self._view(image.bufferView, 0, np.dtype("u1"), length, 1).tobytes()
@@ -201,10 +189,8 @@ class GltfData:
 
 
 def triangles(indices: NDArray, mode: int) -> NDArray[np.int32]:
-    """Return the triangles of a list, a strip or a fan.
-
-    indices: (N,) integers. mode: one of `MODES`. Returns (F, 3) int32.
-    """
+    """Return the triangles of a list, a strip or a fan. indices: (N,) integers. mode: one of `MODES`. Returns (F, 3)
+    int32."""
     if mode == TRIANGLES:
         faces = indices[: len(indices) // 3 * 3].reshape(-1, 3)
     elif len(indices) < 3:
@@ -218,10 +204,8 @@ def triangles(indices: NDArray, mode: int) -> NDArray[np.int32]:
 
 
 def entry(entries: Any, index: Any) -> Any:
-    """Return one of a list, by a number that a file gives: a negative one would count from the end.
-
-    Raises IndexError for what is no number of one that is there.
-    """
+    """Return one of a list, by a number that a file gives: a negative one would count from the end. Raises IndexError
+    for what is no number of one that is there."""
     if not isinstance(index, int) or isinstance(index, bool) or not 0 <= index < len(entries):
         raise IndexError(f"it names entry {index} of {len(entries)}")
     return entries[index]
@@ -236,9 +220,6 @@ def _inline(uri: str) -> bytes:
 
 
 def warn_skipped(path: str | Path, count: int, what: str) -> None:
-    """Give one DataWarning for parts of a file that are left out.
-
-    count: 0 gives none. what: what they are.
-    """
+    """Give one DataWarning for parts of a file that are left out. count: 0 gives none. what: what they are."""
     if count:
         warnings.warn(f"{path}: skipped {count} {what}", DataWarning, stacklevel=3)

@@ -59,10 +59,8 @@ def check_special(path: str | os.PathLike[str]) -> None:
 
 
 def read_json(path: str | os.PathLike[str], **how: Any) -> Any:
-    """The content of a JSON file of at most LARGEST_TEXT bytes; `how` goes to json.loads.
-
-    Raises InputError for anything but a regular file and for one too large, ValueError for invalid JSON.
-    """
+    """The content of a JSON file of at most LARGEST_TEXT bytes; `how` goes to json.loads. Raises InputError for
+    anything but a regular file and for one too large, ValueError for invalid JSON."""
     size = file_size(path, "JSON file")
     if size > LARGEST_TEXT:
         raise InputError(f"{path} takes {size >> 20} MB, expected at most {LARGEST_TEXT >> 20} of JSON")
@@ -79,10 +77,7 @@ def loads(text: str | bytes, **how: Any) -> Any:
 
 def load_array(path: str | os.PathLike[str]) -> Any:
     """The array of a .npy file. Raises InputError for anything but a regular file, ValueError for one without a plain
-    array.
-
-    The header is checked against the size of the file first, and nothing is unpickled.
-    """
+    array. The header is checked against the size of the file first, and nothing is unpickled."""
     import numpy as np
 
     size = file_size(path, ".npy file")

@@ -112,10 +112,8 @@ def footprint_batches(splats: Splats, camera: Camera, open_tiles: Mask) -> Itera
 
 
 def camera_of(view: View, near: float = NEAR) -> Camera:
-    """The View as a Camera: every field a float64 array, float or int, so that the kernels compile once.
-
-    Raises InputError when `near` is not positive.
-    """
+    """The View as a Camera: every field a float64 array, float or int, so that the kernels compile once. Raises
+    InputError when `near` is not positive."""
     if not near > 0:
         raise InputError(f"the near plane must lie in front of the camera: expected near > 0, found {near}")
     matrix = np.array(view.camera_from_world, np.float64)
@@ -147,10 +145,8 @@ def _front_to_back(depth: Floats) -> Indices:
 @shared
 @kernel
 def _cull(begin: int, end: int, gaussians: Gaussians, camera: Camera, depth: Floats) -> None:
-    """Camera z of the splats that may touch the image, infinity for the others.
-
-    A splat's image variance along x is at most (fx scale_max / z)^2 (1 + (x/z)^2) plus the dilation.
-    """
+    """Camera z of the splats that may touch the image, infinity for the others. A splat's image variance along x is at
+    most (fx scale_max / z)^2 (1 + (x/z)^2) plus the dilation."""
     widest = 2 * math.log(1 / MIN_ALPHA)
     scales = gaussians.scales
     for i in range(begin, end):
@@ -184,10 +180,8 @@ def _project(
     basis: Floats,
     entries: Integers,
 ) -> None:
-    """Footprints of the splats order[i], and how many of each chunk touch each open tile: (CHUNKS, tiles).
-
-    basis: (CHUNKS, 16), room for harmonics. entries: none, as nothing is listed yet.
-    """
+    """Footprints of the splats order[i], and how many of each chunk touch each open tile: (CHUNKS, tiles). basis:
+    (CHUNKS, 16), room for harmonics. entries: none, as nothing is listed yet."""
     chunks, n = counts.shape[0], len(order)
     for chunk in range(begin, end):
         for i in range(chunk * n // chunks, (chunk + 1) * n // chunks):

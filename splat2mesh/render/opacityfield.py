@@ -215,10 +215,8 @@ def _any_open(block: Floats, start: np.uint64) -> bool:
 def _weigh_row(
     block: Floats, start: np.uint64, s: Footprint, q_y: np.float32, dx: np.float32, sketch: Floats
 ) -> tuple[np.int32, np.int32]:
-    """Opacity and weight of a footprint in a pixel row; returns the range (first, last + 1) of pixels that see it.
-
-    dx is the first pixel's offset from the row's middle.
-    """
+    """Opacity and weight of a footprint in a pixel row; returns the range (first, last + 1) of pixels that see it. dx
+    is the first pixel's offset from the row's middle."""
     precision, cutoff, opacity = np.float32(s.precision_x), np.float32(s.cutoff), s.opacity
     first, last = END, BEGIN
     for column in range(np.uint64(TILE)):

@@ -96,10 +96,8 @@ def _blend(begin: int, end: int, batch: Batch, tiles: ScreenTiles) -> None:
 
 @kernel
 def _blend_row(block: Floats, first: np.uint64, s: Footprint, q_y: np.float32, dx: np.float32) -> None:
-    """Blend a footprint into the pixel row at `first`; dx is its first pixel's offset from the row's middle.
-
-    No branch, no call, unsigned indices at fixed distances: the compiler makes it vector instructions.
-    """
+    """Blend a footprint into the pixel row at `first`; dx is its first pixel's offset from the row's middle. No branch,
+    no call, unsigned indices at fixed distances: the compiler makes it vector instructions."""
     precision, cutoff, opacity = np.float32(s.precision_x), np.float32(s.cutoff), s.opacity
     red, green, blue, depth = s.red, s.green, s.blue, s.depth
     for column in range(np.uint64(TILE)):

@@ -11,10 +11,8 @@ from .view import View
 
 
 def rasterize_reference(splats: Splats, view: View, near: float = NEAR) -> Rendering:
-    """`rasterize`, every splat against every pixel. Same arguments, same Rendering.
-
-    Time N x H x W: meant for some hundred splats and some thousand pixels.
-    """
+    """`rasterize`, every splat against every pixel. Same arguments, same Rendering. Time N x H x W: meant for some
+    hundred splats and some thousand pixels."""
     center, covariance, depth = project(splats, view)
     color = splats.colors_toward(view.center)
     pixels = np.stack(np.meshgrid(np.arange(view.width) + 0.5, np.arange(view.height) + 0.5), axis=-1)

@@ -35,10 +35,8 @@ def optical_depth(
     volume: Floats,  # (N,) in [0, 1], how far each is a volume
     scene_from_splat: Matrix4,
 ) -> OpticalDepth:
-    """The OpticalDepth around the leaves and grass of a scene, scene frame, y up.
-
-    What lies below the lowest splats of a column counts as opaque: light that comes from below the ground is none.
-    """
+    """The OpticalDepth around the leaves and grass of a scene, scene frame, y up. What lies below the lowest splats of
+    a column counts as opaque: light that comes from below the ground is none."""
     bare = placed(_without_view(splats), scene_from_splat)
     thick = bare.means[volume > np.percentile(volume, 50.0)] if len(volume) else bare.means
     low, high = np.percentile(thick if len(thick) else bare.means, CORE, axis=0)

@@ -50,10 +50,8 @@ class View:
         return View(width, height, focal, focal, width / 2, height / 2, matrix)
 
     def holding(self, points: ArrayLike, margin: float = 1.15) -> "View":
-        """The same view moved, nearest to points whose image just holds them all.
-
-        points: (N, 3) world. margin: of the image over what they fill.
-        """
+        """The same view moved, nearest to points whose image just holds them all. points: (N, 3) world. margin: of the
+        image over what they fill."""
         rotation = self.camera_from_world[:3, :3]
         x, y, z = rotation @ np.asarray(points, np.float64).T
         # Each side of the frustum touches a point when the eye lies on a line; the lines of opposite sides cross

@@ -50,11 +50,8 @@ def base_color(material: Any) -> tuple[list[float], Any]:
 
 @dataclass(frozen=True, eq=False)
 class MappedTexture:
-    """A picture on vertices.
-
-    pixels: (H, W, 4) uint8 or uint16, sRGB and alpha. uv: (V, 2) float64, transformed. wraps: those of its sampler,
-    across and down. decoded: whether it is that of the file, not a grey texel in its place.
-    """
+    """A picture on vertices. pixels: (H, W, 4) uint8 or uint16, sRGB and alpha. uv: (V, 2) float64, transformed. wraps:
+    those of its sampler, across and down. decoded: whether it is that of the file, not a grey texel in its place."""
 
     pixels: NDArray[Any]
     uv: NDArray[np.float64]

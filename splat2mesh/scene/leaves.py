@@ -127,10 +127,8 @@ def connected(edges: Indices, count: int) -> Indices:
 
 
 class Lattice:
-    """Points (R, 3) gathered in cells of a side: a probe for each cell, between which points interpolate.
-
-    points: (P, 3) float64, the mean of each cell's.
-    """
+    """Points (R, 3) gathered in cells of a side: a probe for each cell, between which points interpolate. points: (P,
+    3) float64, the mean of each cell's."""
 
     def __init__(self, points: NDArray[np.float64], side: float) -> None:
         low = points.min(axis=0) - side
@@ -172,9 +170,7 @@ def _surround(
     weights: NDArray[np.float32],
 ) -> None:
     """The probes about each point, at its place in cells, and what they weigh; its own cell's, 0, where there is none.
-
-    keys: (P,) of the cells that have a probe, sorted. cell: (R,), the number of each point's own.
-    """
+    keys: (P,) of the cells that have a probe, sorted. cell: (R,), the number of each point's own."""
     shares = np.zeros(8)
     for r in range(begin, end):
         x, y, z = at[r, 0] - 0.5, at[r, 1] - 0.5, at[r, 2] - 0.5

@@ -55,10 +55,8 @@ def read_mesh(path: str | os.PathLike[str], in_place: bool = False, painted: boo
 def read_placed(
     path: str | os.PathLike[str], in_place: bool = False, painted: bool = True
 ) -> tuple[Mesh, NDArray[np.float64] | None]:
-    """Read a mesh file as `read_mesh` does; also what was taken off its points to bring them to the origin.
-
-    path, in_place, painted: as of `read_mesh`. Returns mesh; moved: (3,) float64, or None.
-    """
+    """Read a mesh file as `read_mesh` does; also what was taken off its points to bring them to the origin. path,
+    in_place, painted: as of `read_mesh`. Returns mesh; moved: (3,) float64, or None."""
     path = Path(path)
     if not os.path.lexists(path) or path.is_dir():
         raise InputError(f"{path}: no such mesh file")
@@ -75,11 +73,8 @@ def read_placed(
 
 
 def checked_mesh(surface: UncheckedMesh, path: str | os.PathLike[str]) -> Mesh:
-    """Check all of a mesh.
-
-    path: of its file, for messages. Raises InputError for what cannot be lit. Warns with a DataWarning as `read_mesh`
-    does.
-    """
+    """Check all of a mesh. path: of its file, for messages. Raises InputError for what cannot be lit. Warns with a
+    DataWarning as `read_mesh` does."""
     points, corners, normals, colors, moved = surface
     if len(corners) == 0:
         raise InputError(f"{path}: holds no triangles; expected a triangle mesh")
@@ -133,10 +128,7 @@ _FACE = [("count", "u1"), ("indices", "<i4", 3)]
 
 
 def mesh_from_ply_bytes(data: bytes) -> Mesh:
-    """Return the Mesh of the bytes that `mesh_ply_bytes` made, bit by bit.
-
-    Raises InputError for others.
-    """
+    """Return the Mesh of the bytes that `mesh_ply_bytes` made, bit by bit. Raises InputError for others."""
     header, mark, body = data.partition(b"end_header\n")
     words = header.split()
     try:

@@ -21,10 +21,8 @@ def similarity(
     rotation: ArrayLike | None = None,  # (3, 3)
     translation: ArrayLike = (0.0, 0.0, 0.0),
 ) -> NDArray[np.float64]:
-    """Return the matrix of p -> scale * rotation @ p + translation.
-
-    rotation: (3, 3), or None, none turns nothing. translation: (3,). Returns (4, 4) float64.
-    """
+    """Return the matrix of p -> scale * rotation @ p + translation. rotation: (3, 3), or None, none turns nothing.
+    translation: (3,). Returns (4, 4) float64."""
     matrix = np.eye(4)
     matrix[:3, :3] = scale * np.asarray(np.eye(3) if rotation is None else rotation)
     matrix[:3, 3] = translation
@@ -96,10 +94,8 @@ def reframed(splats: Splats, matrix: ArrayLike) -> Splats:
 
 
 def placed_mesh(mesh: Any, matrix: ArrayLike) -> Any:
-    """Return a mesh as seen in another frame.
-
-    mesh: of `scene.mesh`. matrix: (4, 4), similarity, new_from_old. Raises InputError for any other transform.
-    """
+    """Return a mesh as seen in another frame. mesh: of `scene.mesh`. matrix: (4, 4), similarity, new_from_old. Raises
+    InputError for any other transform."""
     scale, rotation, translation = parts_of(matrix)
     vertices = mesh.vertices.astype(np.float64) @ (scale * rotation).T + translation
     normals = mesh.normals.astype(np.float64) @ rotation.T

@@ -38,9 +38,7 @@ def fuse_adaptively(
     sights: Sequence[FusionSight], origin: Vector, stage: Callable[[int], None] = lambda count: None
 ) -> tuple[NDArray[np.float64], Faces, Floats]:
     """Fuse Sights: returns world vertices (V, 3) float64, faces (F, 3) int32 and the side of each vertex's cell (V,).
-
-    origin: (3,) float64 in the middle of the place: numbers stay small around it.
-    """
+    origin: (3,) float64 in the middle of the place: numbers stay small around it."""
     finest = min(float(sight.step[sight.weight > 0].min()) for sight in sights if (sight.weight > 0).any())
     larger = 1.0
     while True:

@@ -69,10 +69,8 @@ def foreground_ball(splats: Splats) -> tuple[Vector, float, Mask]:
 
 
 def views_from_within(foreground: Splats, pixels: int, up: Vector) -> list[View]:
-    """Views all around from places in the middle of a foreground (Splats): a list of View of `pixels` squared.
-
-    up: (3,) unit, the up direction in the splat's frame.
-    """
+    """Views all around from places in the middle of a foreground (Splats): a list of View of `pixels` squared. up: (3,)
+    unit, the up direction in the splat's frame."""
     low, high = bounds_of(foreground)
     center, reach = (low + high) / 2.0, np.ptp([low, high], axis=0) / 4.0
     axes = np.stack([*level_axes(up), up])

@@ -23,11 +23,8 @@ FACES = 2
 
 
 def leaf_splats(splats: Splats, surface: Points, hull: Mesh, diagonal: float) -> Indices:
-    """Rows of the splats that are leaves: opaque, and nearer to the hull than to the rest of the mesh.
-
-    splats: Splats in the frame of the hull. surface: (V, 3) vertices of the rest, which may be none.
-    diagonal: of the scene.
-    """
+    """Rows of the splats that are leaves: opaque, and nearer to the hull than to the rest of the mesh. splats: Splats
+    in the frame of the hull. surface: (V, 3) vertices of the rest, which may be none. diagonal: of the scene."""
     opaque = np.flatnonzero(splats.opacities > OPAQUE)
     points = splats.means[opaque]
     to_hull, _ = scipy.spatial.cKDTree(hull.vertices).query(points, workers=-1)

@@ -103,10 +103,8 @@ def _border_edges(faces: Faces, count: int) -> tuple[Faces, Faces]:
 
 
 def trim_borders(faces: Faces, seen: Mask) -> Faces:
-    """Faces (F', 3) without the ragged flaps at open borders: what hangs there and no view sees, (V,) bool, goes.
-
-    It goes face by face from the border inwards, up to the first vertex that was seen; inner vertices always stay.
-    """
+    """Faces (F', 3) without the ragged flaps at open borders: what hangs there and no view sees, (V,) bool, goes. It
+    goes face by face from the border inwards, up to the first vertex that was seen; inner vertices always stay."""
     while len(faces):
         loose = np.zeros(len(seen), bool)
         loose[_border_edges(faces, len(seen))[0]] = True

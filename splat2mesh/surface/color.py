@@ -22,11 +22,8 @@ FACING = 0.05
 
 @dataclass(frozen=True)
 class RenderedPicture:
-    """The kept arrays of a rendered view.
-
-    color: (H, W, 3) uint8 sRGB, over its own alpha. depth: (H, W) float32 camera z, NaN where empty.
-    thickness: (H, W) float32 of the surface along its normal, world units, NaN where unknown.
-    """
+    """The kept arrays of a rendered view. color: (H, W, 3) uint8 sRGB, over its own alpha. depth: (H, W) float32 camera
+    z, NaN where empty. thickness: (H, W) float32 of the surface along its normal, world units, NaN where unknown."""
 
     view: View
     color: np.ndarray
@@ -62,10 +59,8 @@ def vertex_colors(vertices: Points, normals: Directions, pictures: Sequence[Rend
 def vertex_thickness(
     vertices: Points, normals: Directions, pictures: Sequence[RenderedPicture], pixel: float
 ) -> Floats:
-    """Thickness of the surface at each vertex, (V,) float64 in world units, inf where no picture sees it.
-
-    A mean over the pictures that trusts the thinnest most; `pixel`, the size of a training pixel, is its scale.
-    """
+    """Thickness of the surface at each vertex, (V,) float64 in world units, inf where no picture sees it. A mean over
+    the pictures that trusts the thinnest most; `pixel`, the size of a training pixel, is its scale."""
     total, weights = np.zeros(len(vertices)), np.zeros(len(vertices))
     for picture in pictures:
         visible, columns, rows, frontal = _sees(picture, vertices, normals)

@@ -31,10 +31,8 @@ TRAINING_DILATION = 0.3
 
 @dataclass(frozen=True)
 class LevelCalibration:
-    """The opacity at which the surface of an object lies, by the median thickness of its surfaces.
-
-    thicknesses: in training pixels. levels: the opacity at each; between them it is interpolated, outside held.
-    """
+    """The opacity at which the surface of an object lies, by the median thickness of its surfaces. thicknesses: in
+    training pixels. levels: the opacity at each; between them it is interpolated, outside held."""
 
     provenance: ClassVar = Provenance(
         script="scripts/bench surface",
@@ -65,11 +63,8 @@ over those of one view."""
 
 @dataclass(frozen=True)
 class Effort:
-    """The amount of work for a surface.
-
-    views: rendered views, of `pixels` along the longer side. cells: voxels along the scene's diagonal (field).
-    depth: octree levels (sugar). points: surface points aimed at (sugar).
-    """
+    """The amount of work for a surface. views: rendered views, of `pixels` along the longer side. cells: voxels along
+    the scene's diagonal (field). depth: octree levels (sugar). points: surface points aimed at (sugar)."""
 
     views: int
     pixels: int
@@ -86,19 +81,15 @@ EFFORTS = {
 
 
 def training_pixel(splats: Splats) -> float:
-    """Size of a training pixel at the surface, in the splat's unit, read off the smallest solid Gaussians.
-
-    Trained cameras would give it directly, but the surface is no better for it (docs/surface.md).
-    """
+    """Size of a training pixel at the surface, in the splat's unit, read off the smallest solid Gaussians. Trained
+    cameras would give it directly, but the surface is no better for it (docs/surface.md)."""
     solid = splats.opacities > 0.5 if (splats.opacities > 0.5).any() else slice(None)
     return float(np.percentile(splats.scales.max(axis=1)[solid], 10)) / SCALES_PER_PIXEL
 
 
 def dilated(splats: Splats, pixel: float) -> Splats:
-    """The splats as training saw them: every Gaussian widened by the dilation of a training pixel.
-
-    Training fitted the dilated envelope to the photos, so that is where the surface is, not at the bare Gaussians.
-    """
+    """The splats as training saw them: every Gaussian widened by the dilation of a training pixel. Training fitted the
+    dilated envelope to the photos, so that is where the surface is, not at the bare Gaussians."""
     scales = np.sqrt(splats.scales**2 + np.float32(TRAINING_DILATION * pixel**2))
     return replace(splats, scales=scales.astype(np.float32))
 
@@ -176,11 +167,8 @@ def _field(look: Look, effort: Effort, vertices: int, stages: Stages) -> tuple[A
 
 
 def merged_look(look: Look) -> Look:
-    """The same with Gaussians that are finer than its views merged, so the work follows what is seen.
-
-    A surface is seen in a third of the views or so, so its pixels are about three times those
-    of one view.
-    """
+    """The same with Gaussians that are finer than its views merged, so the work follows what is seen. A surface is seen
+    in a third of the views or so, so its pixels are about three times those of one view."""
     seen = SIDES_SEEN * max((view.width * view.height for view in look.views), default=0)
     together = int(len(look.splats) / (PER_PIXEL * seen)) if seen else 1
     if together < 2:

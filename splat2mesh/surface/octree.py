@@ -122,10 +122,8 @@ def _mark(
 def requested_cells(
     sights: Sequence[FusionSight], steps: Iterable[Floats], origin: Vector, truncation: Truncation, most: int
 ) -> Indices | None:
-    """Keys of the cells that the pixels of all views ask for: (C,) int64 sorted, or None for more than `most`.
-
-    steps: list of (H, W), wanted sides of the cells, world units. origin: (3,) world.
-    """
+    """Keys of the cells that the pixels of all views ask for: (C,) int64 sorted, or None for more than `most`. steps:
+    list of (H, W), wanted sides of the cells, world units. origin: (3,) world."""
     largest = 1 << int(np.ceil(np.log2(2.1 * most)))
     table, count = np.full(min(FIRST_TABLE, largest), EMPTY, np.int64), 0
     for sight, step in zip(sights, steps, strict=True):
@@ -146,10 +144,8 @@ def requested_cells(
 
 
 def leaves_of(requested: Indices) -> Indices:
-    """The leaves of the octree in which all requested cells are nodes: (L,) int64 sorted keys.
-
-    Where coarse and fine cells overlap the coarse ones are split, and keep their other children.
-    """
+    """The leaves of the octree in which all requested cells are nodes: (L,) int64 sorted keys. Where coarse and fine
+    cells overlap the coarse ones are split, and keep their other children."""
     by_level: list[Indices] = [np.zeros(0, np.int64)] * OCTREE_LEVELS
     levels = requested >> (3 * BITS)
     for level in range(OCTREE_LEVELS):

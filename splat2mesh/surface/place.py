@@ -173,11 +173,8 @@ def _fog(splats: Splats, views: Sequence[View], near: Floats) -> float:
 
 
 def _probes(views: Sequence[View]) -> Indices:
-    """Indices of the views in which the fog is measured.
-
-    Where views from around follow the eyes' six each, they are spread evenly: in a fixed step they would all look the
-    same few ways, as many of them up as there happens.
-    """
+    """Indices of the views in which the fog is measured. Where views from around follow the eyes' six each, they are
+    spread evenly: in a fixed step they would all look the same few ways, as many of them up as there happens."""
     step = max(1, len(views) // PROBES)
     evenly = np.arange(0, len(views), step)
     mixed = len({round(view.fx / view.width, 6) for view in views}) > 1

@@ -21,9 +21,7 @@ def refine_by_color(
     points: NDArray[np.float32], faces: Faces, album: Album, most: int
 ) -> tuple[NDArray[np.float32], Faces]:
     """Split edges until colours are straight along them: points (V, 3) float32 and faces (F, 3) int32 of a finer mesh.
-
-    album: Album. most: vertices at most; the strongest contrasts come first. The surface stays where it is.
-    """
+    album: Album. most: vertices at most; the strongest contrasts come first. The surface stays where it is."""
     for _ in range(SPLIT_ROUNDS):
         room = most - len(points)
         if room <= 0:

@@ -70,11 +70,8 @@ class FusionSight:
 
     @classmethod
     def of(cls, shot: Shot, distance: float, finest: float, fog: float) -> "FusionSight":
-        """From a Shot.
-
-        distance: typical of the place, world units: what is much farther away counts less. finest: least side of a
-        cell, world units. fog: typical thickness of the surfaces over their distance.
-        """
+        """From a Shot. distance: typical of the place, world units: what is much farther away counts less. finest:
+        least side of a cell, world units. fog: typical thickness of the surfaces over their distance."""
         view, seen, thickness = shot
         rays = view.ray_directions().astype(np.float32)
         cosine = -(rays * seen.normal).sum(axis=-1) / np.linalg.norm(rays, axis=-1)

@@ -30,11 +30,8 @@ LEAST_TURN = 0.2
 
 
 class Simplified(NamedTuple):
-    """A mesh with fewer vertices.
-
-    points: (V, 3) float64. faces: (F, 3) int32. sizes: (V,) side of the cell at each vertex. kept: (V,) which fixed
-    vertex of the mesh before each is, -1 for none.
-    """
+    """A mesh with fewer vertices. points: (V, 3) float64. faces: (F, 3) int32. sizes: (V,) side of the cell at each
+    vertex. kept: (V,) which fixed vertex of the mesh before each is, -1 for none."""
 
     points: Points
     faces: Faces

@@ -119,11 +119,8 @@ def atlas_of(scene: "Scene", mesh: "Welded", uv: Floats, faces: Integers, size: 
 def atlas_again(
     scene: "Scene", uv: Sequence[Floats], faces: Sequence[Integers], size: int, reach: float = 1.5
 ) -> Atlas:
-    """The Atlas of a scene whose chunks have been unwrapped before.
-
-    uv: of each chunk (W, 2) in [0, 1], as of an Atlas. faces: of each (F, 3) of these, in the order of the scene.
-    size: side of the texture. reach: as of `atlas_of`.
-    """
+    """The Atlas of a scene whose chunks have been unwrapped before. uv: of each chunk (W, 2) in [0, 1], as of an Atlas.
+    faces: of each (F, 3) of these, in the order of the scene. size: side of the texture. reach: as of `atlas_of`."""
     starts = np.cumsum([0, *map(len, uv)])
     joined = np.concatenate([each + start for each, start in zip(faces, starts[:-1], strict=True)]).astype(np.int32)
     coordinates = np.concatenate(uv).astype(np.float32)

@@ -141,9 +141,7 @@ def _grow(
     axes: Floats,
 ) -> int:
     """Give each face the number of its chart, and each chart the normal of its plane; returns the number of charts.
-
-    Number by number: with expressions of whole arrays Numba compiles 58 functions more.
-    """
+    Number by number: with expressions of whole arrays Numba compiles 58 functions more."""
     count = 0
     queue = np.empty(len(label), np.int64)
     for seed in range(len(label)):

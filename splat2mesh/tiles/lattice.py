@@ -27,11 +27,8 @@ SMOOTHING_ROUNDS, SMOOTHING_STEP = 2, 0.5
 
 
 class Raw(NamedTuple):
-    """The surface of a tile and its ring. V vertices, F faces.
-
-    points: (V, 3) float64. faces: (F, 3) int32. cells: (V,) side of each vertex's cell. owner: (F,) tile of each face,
-    -1 for none.
-    """
+    """The surface of a tile and its ring. V vertices, F faces. points: (V, 3) float64. faces: (F, 3) int32. cells: (V,)
+    side of each vertex's cell. owner: (F,) tile of each face, -1 for none."""
 
     points: NDArray[np.float64]
     faces: NDArray[np.int32]
@@ -40,10 +37,8 @@ class Raw(NamedTuple):
 
 
 def raw_surface(sights: list[FusionSight], plan: CityPlan, tile: int, carve: float) -> Raw:
-    """Fuse sights within the core of a tile and RING blocks around it. Vertices stand in the order of their cells.
-
-    The list of sights is empty afterwards, since their data are a large part of a process's memory.
-    """
+    """Fuse sights within the core of a tile and RING blocks around it. Vertices stand in the order of their cells. The
+    list of sights is empty afterwards, since their data are a large part of a process's memory."""
     empty = Raw(np.zeros((0, 3)), np.zeros((0, 3), np.int32), np.zeros(0), np.zeros(0, np.int64))
     sights[:] = [sight for sight in sights if (sight.weight > 0).any()]
     if not sights:
@@ -92,10 +87,8 @@ def seam_of(raw: Raw, tile: int) -> NDArray[np.bool_]:
 
 
 def smoothed(raw: Raw) -> NDArray[np.float64]:
-    """(V, 3) points, each some way to the mean of its neighbours; those on open borders stay.
-
-    Sums go in the order of vertices, which is that of their cells: so they are equal in all tiles that hold them.
-    """
+    """(V, 3) points, each some way to the mean of its neighbours; those on open borders stay. Sums go in the order of
+    vertices, which is that of their cells: so they are equal in all tiles that hold them."""
     keys, uses = np.unique(edge_keys(raw.faces, len(raw.points)), return_counts=True)
     first, second = edge_ends(keys, len(raw.points)).T
     open_ = np.zeros(len(raw.points), bool)

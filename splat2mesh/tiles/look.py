@@ -93,10 +93,8 @@ def _prepare(store: Store, plan: CityPlan, tile: int, sources: dict[int, list[in
 
 
 def shots_around(store: Store, plan: CityPlan, tile: int) -> Iterator[Shot]:
-    """The views that show a tile and its ring, in an order that all tiles share.
-
-    A view counts if one of its surface points lies near enough to matter: all others leave no trace there.
-    """
+    """The views that show a tile and its ring, in an order that all tiles share. A view counts if one of its surface
+    points lies near enough to matter: all others leave no trace there."""
     low, high = _range(plan, tile)
     for other in plan.seers(tile):
         kept = store.read_arrays(f"work/sights/{other:05d}.npz")

@@ -25,10 +25,8 @@ def outlook(
     *,
     stages: Stages | None = None,
 ) -> dict[str, Any]:
-    """Return the plan of a city, JSON-clean. Reads the source once and leaves no files.
-
-    Arguments and errors as of `convert_city`.
-    """
+    """Return the plan of a city, JSON-clean. Reads the source once and leaves no files. Arguments and errors as of
+    `convert_city`."""
     options, tiling = options or ConvertOptions(), tiling or TilingOptions()
     refuse_in_cities(options, KNOWN)
     pieces = pieces_of(os.fspath(source), options.lod)

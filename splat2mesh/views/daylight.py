@@ -23,10 +23,8 @@ brighter from above."""
 
 
 def brightness_from_above(splats: Splats, up: Vector) -> float:
-    """The brightness of a splat from above over that from below: the ratio of mean display values. 1 for black.
-
-    splats: cleaned Splats. up: (3,) unit, the side to call above, in their frame.
-    """
+    """The brightness of a splat from above over that from below: the ratio of mean display values. 1 for black. splats:
+    cleaned Splats. up: (3,) unit, the side to call above, in their frame."""
     away = np.linalg.norm(splats.means - np.median(splats.means, axis=0), axis=1)
     splats = thinned(splats.take(np.flatnonzero(away <= SURROUNDINGS_FROM * np.median(away))), np.random.default_rng(0))
     corners = corners_of(bounds_of(splats))

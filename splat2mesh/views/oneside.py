@@ -38,10 +38,8 @@ def sharp_side(
     up: Vector,  # (3,) unit
     least: float = CONTRAST,
 ) -> Vector | None:
-    """Return the horizontal direction (3,) that a splat was captured from, or None where there is no one side.
-
-    least: blur from behind over blur from the front that makes one.
-    """
+    """Return the horizontal direction (3,) that a splat was captured from, or None where there is no one side. least:
+    blur from behind over blur from the front that makes one."""
     height = directions @ up
     used = (np.abs(height) < HIGHEST) & np.isfinite(blur)
     flat = directions[used] - height[used, None] * up

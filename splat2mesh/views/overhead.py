@@ -30,11 +30,8 @@ MOST_LEAK = 0.0125
 
 
 class Overhead(NamedTuple):
-    """Lines of sight from a room's free places to its ceiling, and the eyes that see it.
-
-    lines: (L, 6) float32, each an origin and the way to where the splats are opaque, splat frame. eyes: list of Eye.
-    up: (3,) unit.
-    """
+    """Lines of sight from a room's free places to its ceiling, and the eyes that see it. lines: (L, 6) float32, each an
+    origin and the way to where the splats are opaque, splat frame. eyes: list of Eye. up: (3,) unit."""
 
     lines: NDArray[np.float32]
     eyes: Sequence[Eye]

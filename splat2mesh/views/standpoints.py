@@ -229,9 +229,7 @@ def _kind(grid: OpacityGrid, bounds: Bounds, enclosed: float, surrounded: float)
 
 def _chosen(looks: _RayFans, kind: str, hints: int, stands: Mask) -> tuple[Indices, float, float]:
     """Indices of the eyes, the first `hints` points first, the median distance of hits, the implied focal length.
-
-    stands: (M,) bool, which of the points people can stand at.
-    """
+    stands: (M,) bool, which of the points people can stand at."""
     share, focal = (looks.share_inner, looks.focal_inner) if kind == "inside" else (looks.share, looks.focal)
     usable = looks.enclosed if kind == "inside" else looks.surrounded
     if not usable.any():

@@ -94,11 +94,8 @@ def near_plane(bounds: Bounds) -> float:
 
 
 class Judged(NamedTuple):
-    """M candidates, and what each of them shows.
-
-    coverage: (M, cells) float32, how well each cell of the box is seen. fuzziness: (M,), the median of what is shown,
-    inf for nothing. edges: (M,), the amount of edges in the picture.
-    """
+    """M candidates, and what each of them shows. coverage: (M, cells) float32, how well each cell of the box is seen.
+    fuzziness: (M,), the median of what is shown, inf for nothing. edges: (M,), the amount of edges in the picture."""
 
     views: Sequence[View]
     coverage: NDArray[np.float32]
@@ -182,10 +179,8 @@ def candidate_views(splats: Splats, count: int, up: Vector, seed: int = 0) -> li
 
 
 def picture_view(splats: Splats, up: Vector) -> View:
-    """A view that makes a good picture of a splat: from slightly above and the side with most to see.
-
-    splats: dilated Splats. up: (3,) unit. Returns a View with the aspect PICTURE_ASPECT.
-    """
+    """A view that makes a good picture of a splat: from slightly above and the side with most to see. splats: dilated
+    Splats. up: (3,) unit. Returns a View with the aspect PICTURE_ASPECT."""
     bounds, sketch = bounds_of(splats), thinned(splats, np.random.default_rng(0))
     solid = sketch.means[
         (sketch.opacities > SOLID) & ((sketch.means > bounds[0]) & (sketch.means < bounds[1])).all(axis=1)
@@ -220,10 +215,8 @@ def even_directions(count: int) -> NDArray[np.float64]:
 
 
 def _free_places(splats: Splats, bounds: Bounds, count: int, rng: np.random.Generator) -> NDArray[np.float64]:
-    """Up to `count` points inside the box that keep clear of all splats, as far from one another as can be.
-
-    Space that surfaces seal off is the inside of an object, unless it is most of the box: then it is a room.
-    """
+    """Up to `count` points inside the box that keep clear of all splats, as far from one another as can be. Space that
+    surfaces seal off is the inside of an object, unless it is most of the box: then it is a room."""
     from scipy.ndimage import binary_dilation, label
 
     cell = np.ptp(bounds, axis=0).max() / FREE_GRID

@@ -30,11 +30,8 @@ _TYPES = {
 
 @dataclass
 class Element:
-    """One element of a header.
-
-    count: of its rows. properties: the NumPy type code of each property, or "list". lists: dict of str to (str, str),
-    property to the type codes of its list's length and of its items.
-    """
+    """One element of a header. count: of its rows. properties: the NumPy type code of each property, or "list". lists:
+    dict of str to (str, str), property to the type codes of its list's length and of its items."""
 
     count: int
     properties: dict[str, str]
@@ -50,11 +47,8 @@ class Element:
 
 
 class Ply:
-    """A PLY file whose header has been read.
-
-    format: "ascii", "binary_little_endian" or "binary_big_endian". elements: in file order. body: byte offset of the
-    first row. comments: without the word that marks them.
-    """
+    """A PLY file whose header has been read. format: "ascii", "binary_little_endian" or "binary_big_endian". elements:
+    in file order. body: byte offset of the first row. comments: without the word that marks them."""
 
     def __init__(
         self, path: Path, format: str, elements: dict[str, Element], body: int, comments: list[str] | None = None
@@ -64,10 +58,7 @@ class Ply:
 
     @classmethod
     def open(cls, path: str | os.PathLike[str]) -> "Ply":
-        """Read the header of a file.
-
-        Raises InputError for a header that is malformed or cut short.
-        """
+        """Read the header of a file. Raises InputError for a header that is malformed or cut short."""
         path = Path(path)
         format: str | None = None
         elements: dict[str, Element] = {}

@@ -162,11 +162,8 @@ KINDS = (
 
 
 def kind_of_file(path: Path) -> str:
-    """Recognise one splat file, or the folder of an unbundled SOG, by its content.
-
-    Returns the kind of a Format that is read. Raises InputError for what is none, with the reason, or what to do, where
-    its format is known.
-    """
+    """Recognise one splat file, or the folder of an unbundled SOG, by its content. Returns the kind of a Format that is
+    read. Raises InputError for what is none, with the reason, or what to do, where its format is known."""
     if not path.exists():
         raise InputError(f"{path} does not exist: expected {KINDS}")
     if path.is_dir():
@@ -202,10 +199,7 @@ def looks_like_splat(path: Path) -> bool:
 
 
 def reader_of(kind: str) -> Callable[[Path], Splats]:
-    """Return what reads a kind.
-
-    kind: as `kind_of_file` returns it. It takes a path.
-    """
+    """Return what reads a kind. kind: as `kind_of_file` returns it. It takes a path."""
     found = BY_KIND[kind].read
     assert found is not None  # `kind_of_file` refuses others
     return found

@@ -42,11 +42,8 @@ _FIRST_QUAT_TAG = 252  # alpha of the quaternion image: this plus the index of t
 
 
 def read_folder(folder: Path, meta_name: str = META) -> Splats:
-    """Read an unbundled SOG.
-
-    folder: holds the images. meta_name: of the JSON that names them. Raises InputError when a part is missing or
-    unusable.
-    """
+    """Read an unbundled SOG. folder: holds the images. meta_name: of the JSON that names them. Raises InputError when a
+    part is missing or unusable."""
     if not (folder / meta_name).is_file():
         raise InputError(f"{folder} is a folder without {META}: expected a splat file or an unbundled SOG folder")
 
@@ -62,10 +59,7 @@ def read_folder(folder: Path, meta_name: str = META) -> Splats:
 
 
 def read_bundle(path: AnyPath) -> Splats:
-    """Read a `.sog` zip.
-
-    Raises InputError when it is damaged or lacks a part.
-    """
+    """Read a `.sog` zip. Raises InputError when it is damaged or lacks a part."""
     size = file_size(path, "splat file")
     try:
         with zipfile.ZipFile(path) as bundle:

@@ -46,20 +46,15 @@ GZIP = 31  # window bits of zlib that make its stream a gzip one, with no name a
 
 
 def read(path: AnyPath) -> Splats:
-    """Read an `.spz` file.
-
-    Returns Splats in the frame of a PLY. Raises InputError when it is no SPZ, too new, damaged or cut short.
-    """
+    """Read an `.spz` file. Returns Splats in the frame of a PLY. Raises InputError when it is no SPZ, too new, damaged
+    or cut short."""
     file_size(path, "splat file")
     return read_bytes(path, Path(path).read_bytes())
 
 
 def read_bytes(path: AnyPath, data: bytes) -> Splats:
-    """Read an SPZ that lies in another file.
-
-    path: of that file, for messages. Raises InputError as `read` does. Warns with a DataWarning about records of
-    extensions that are left out, and harmonics beyond the third degree.
-    """
+    """Read an SPZ that lies in another file. path: of that file, for messages. Raises InputError as `read` does. Warns
+    with a DataWarning about records of extensions that are left out, and harmonics beyond the third degree."""
     try:
         header, sections, records = (_open_v4 if data.startswith(MAGIC) else _open_gzip)(path, data)
     except (zlib.error, struct.error) as error:
