@@ -13,15 +13,19 @@ from typing import Any
 from urllib.parse import unquote
 
 import numpy as np
+import pygltflib as codes
 from numpy.typing import NDArray
 
 from .errors import DataWarning, InputError
 from .inputs import file_size, inside, loads, reading
 
-COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+COMPONENTS = {
+    **{codes.BYTE: "<i1", codes.UNSIGNED_BYTE: "<u1", codes.SHORT: "<i2", codes.UNSIGNED_SHORT: "<u2"},
+    **{codes.UNSIGNED_INT: "<u4", codes.FLOAT: "<f4"},
+}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 
-MODES = TRIANGLES, STRIP, FAN = 4, 5, 6
+MODES = TRIANGLES, STRIP, FAN = codes.TRIANGLES, codes.TRIANGLE_STRIP, codes.TRIANGLE_FAN
 
 UNREADABLE = "KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression"
 """Extensions that pack the arrays themselves."""
@@ -43,7 +47,7 @@ MOST_NODES = 100_000
 FREE_CORNERS = 30_000_000
 """Corners of faces that any file may have, with all that nodes repeat: they take about 2 GB."""
 
-_JSON, _BIN = 0x4E4F534A, 0x004E4942
+_JSON, _BIN = (int.from_bytes(kind, "little") for kind in (b"JSON", b"BIN\0"))
 
 
 class Record(dict):

@@ -16,14 +16,15 @@ from ..base.arrays import Floats, Indices, Integers, Mask, Matrix3, Points, Quat
 from ..base.errors import InputError
 from ..base.kernels import kernel
 from ..base.threads import read_only, shared
-from ..splats.splats import Splats
+from ..splats.splats import INVISIBLE_OPACITY, Splats
 from .view import View
 from .viewdirection import harmonics_of_direction
 
 NEAR = 0.01  # default near plane: splat centres closer than this camera z are not drawn
 DILATION = 0.3  # px^2 added to both image variances: the pixel's own footprint (Kerbl et al., their low-pass)
 GUARD_BAND = 0.3  # the Jacobian is held constant beyond this share of tan(fov / 2) outside the image
-MIN_ALPHA = np.float32(1 / 255)  # less than one 8-bit step: not drawn
+MIN_ALPHA = np.float32(INVISIBLE_OPACITY)  # less than one 8-bit step: not drawn
+MAX_ALPHA = np.float32(0.99)  # one splat never hides everything behind it
 ONE = np.float32(1)
 
 TILE = 16  # pixels along a tile's side

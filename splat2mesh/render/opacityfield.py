@@ -21,7 +21,7 @@ from ..base.errors import InputError
 from ..base.kernels import kernel
 from ..base.threads import shared
 from ..splats.splats import Splats
-from .footprints import NEAR, TILE, Batch, Camera, Footprint, camera_of, footprint_batches, pixel_range
+from .footprints import MAX_ALPHA, NEAR, TILE, Batch, Camera, Footprint, camera_of, footprint_batches, pixel_range
 from .levelsearch import ENTRY, FARTHEST_Q, lanes, search_level
 from .rasterize import exp_minus_half
 from .view import View
@@ -37,8 +37,6 @@ MIN_WEIGHT = np.float32(0.004)
 
 ENOUGH = np.float32(0.02)
 """Transmittance below which a pixel is finished: nothing behind moves the level, and little the colour."""
-
-MAX_ALPHA = np.float32(0.99)  # one Gaussian never hides everything behind it
 
 
 @dataclass(frozen=True)

@@ -14,14 +14,13 @@ from numpy.typing import NDArray
 from ..base.arrays import DepthMap, Floats
 from ..base.kernels import kernel
 from ..base.threads import shared
-from ..splats.splats import Splats
-from .footprints import NEAR, TILE, Batch, Footprint, camera_of, footprint_batches, pixel_range
+from ..splats.splats import INVISIBLE_OPACITY, Splats
+from .footprints import MAX_ALPHA, NEAR, TILE, Batch, Footprint, camera_of, footprint_batches, pixel_range
 from .screentiles import AREA, ScreenTiles
 from .view import View
 
-MAX_ALPHA = np.float32(0.99)  # one splat never hides everything behind it
 MIN_TRANSMITTANCE = np.float32(1e-4)  # a pixel that lets less through is finished
-MIN_DEPTH_ALPHA = 0.5 / 255  # below this a pixel has no expected depth; anything drawn leaves at least 1 / 255
+MIN_DEPTH_ALPHA = INVISIBLE_OPACITY / 2  # below this a pixel has no expected depth; what is drawn leaves more
 ZERO, HALF, ONE = np.float32(0), np.float32(0.5), np.float32(1)
 
 CLOSING_INTERVAL = 8  # splats blended between two looks whether a tile is finished

@@ -5,6 +5,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+CLIPPED_SRGB = 0.97
+"""Display value from which a photograph may have been clipped: splats ring about 1 by a few steps of a byte."""
+
 
 def linear_from_srgb(color: ArrayLike) -> NDArray[np.floating[Any]]:
     """Return the linear light of sRGB values. color: any shape, sRGB in [0, 1] (values above 1 continue the curve).

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pygltflib as codes
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -29,7 +30,7 @@ GREY = 0.5
 
 SPECULAR_GLOSSINESS, TRANSFORM = "KHR_materials_pbrSpecularGlossiness", "KHR_texture_transform"
 
-_CLAMPED, _MIRRORED = 33071, 33648  # of a sampler; others repeat
+_CLAMPED, _MIRRORED = codes.CLAMP_TO_EDGE, codes.MIRRORED_REPEAT  # of a sampler; others repeat
 
 
 def base_color(material: Any) -> tuple[list[float], Any]:

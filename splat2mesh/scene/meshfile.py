@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ..base.errors import DataWarning, InputError
 from ..base.inputs import file_size, quiet_numbers, reading
+from ..splats.splats import ABSURD_LENGTH
 from .gltfmesh import read_gltf
 from .mesh import Mesh, vertex_normals, without_direction
 from .objmesh import read_obj
@@ -31,9 +32,6 @@ READABLE_SUFFIXES = tuple(READERS)
 
 WITH_MATERIALS = (".obj", ".glb", ".gltf")
 """Kinds whose materials have colours and pictures."""
-
-LARGEST_COORDINATE = 1e15
-"""Beyond it squares, cubes and the areas of faces leave float32; the same length is absurd in a splat."""
 
 LOOKED_AT, INVERTED = 4096, 0.9
 """Faces in the sample, and the share of reversed normals above which a warning follows."""
@@ -84,9 +82,9 @@ def checked_mesh(surface: UncheckedMesh, path: str | os.PathLike[str]) -> Mesh:
         raise InputError(f"{path}: {bad} of {len(points)} vertices are not finite; repair the mesh first")
     if moved is not None:
         warnings.warn(f"{path}: {too_far(moved)}", DataWarning, stacklevel=5)
-    far = np.count_nonzero((np.abs(points) > LARGEST_COORDINATE).any(axis=1))
+    far = np.count_nonzero((np.abs(points) > ABSURD_LENGTH).any(axis=1))
     if far:
-        most = f"{LARGEST_COORDINATE:g}"
+        most = f"{ABSURD_LENGTH:g}"
         raise InputError(f"{path}: {far} of {len(points)} vertices lie beyond +-{most}; repair the mesh first")
     vertices = points.astype(np.float32)
     faces = corners.astype(np.int32)

@@ -12,12 +12,10 @@ from ..base.kernels import kernel
 from ..base.threads import in_slices, read_only
 from ..render.view import View
 from ..scene.color import bytes_from_unit
+from .sight import LEAST_COSINE
 
 DEPTH_TOLERANCE = 0.01
 """Largest distance of a seen vertex behind the rendered depth, in units of the mesh's radius."""
-
-FACING = 0.05
-"""Least cosine between the normal of a seen vertex and the direction to the eye."""
 
 
 @dataclass(frozen=True)
@@ -119,5 +117,5 @@ def _look_up(
             continue
         tx, ty, tz = center[0] - px, center[1] - py, center[2] - pz
         cosine = (normals[v, 0] * tx + normals[v, 1] * ty + normals[v, 2] * tz) / math.sqrt(tx * tx + ty * ty + tz * tz)
-        if cosine > FACING:
+        if cosine > LEAST_COSINE:
             pixels[v], frontal[v] = int(row) * width + int(column), cosine

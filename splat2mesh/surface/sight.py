@@ -12,7 +12,8 @@ from ..render.view import View
 from ..splats.splats import Splats
 
 LEAST_COSINE = 0.05
-"""Weight of a surface that is seen at a grazing angle: floors far away are seen no other way."""
+"""Cosine of the angle at which a point must at least be seen for its colour, and the weight of a surface that is seen
+at a more grazing one: floors far away are seen no other way."""
 
 SHARP = 0.03
 """Spread of a surface, in units of its distance, at which its weight is halved."""

@@ -188,7 +188,7 @@ def _costs(
                 (points[a, 1] + points[b, 1]) / 2,
                 (points[a, 2] + points[b, 2]) / 2,
             )
-            x, y, z = _best(xx, xy, xz, yy, yz, zz, x1, y1, z1, STIFF * weight, mx, my, mz)
+            x, y, z = _best((xx, xy, xz, yy, yz, zz), (x1, y1, z1), STIFF * weight, (mx, my, mz))
             if _square(x - mx, y - my, z - mz) > length2:
                 x, y, z = mx, my, mz
         error = (
@@ -206,21 +206,10 @@ def _square(x: float, y: float, z: float) -> float:
 
 @kernel
 def _best(
-    xx: float,
-    xy: float,
-    xz: float,
-    yy: float,
-    yz: float,
-    zz: float,
-    x1: float,
-    y1: float,
-    z1: float,
-    s: float,
-    mx: float,
-    my: float,
-    mz: float,
+    square: tuple[float, ...], linear: tuple[float, ...], s: float, middle: tuple[float, ...]
 ) -> tuple[float, float, float]:
     """The place of least error, drawn by `s` towards the middle: it solves (A + s I) x = s middle - b."""
+    (xx, xy, xz, yy, yz, zz), (x1, y1, z1), (mx, my, mz) = square, linear, middle
     a, d, f = xx + s, yy + s, zz + s
     b, c, e = xy, xz, yz
     r0, r1, r2 = s * mx - x1, s * my - y1, s * mz - z1

@@ -13,10 +13,11 @@ from ..splats.joining import joined
 from ..splats.placing import placed
 from ..splats.splats import MIN_SPLATS, NUMBERS, Splats
 from ..surface.extract import training_pixel
+from ..surface.place import FINEST_CELL
 from ..views.upright import upright
 from ..views.viewpoints import bounds_of
 from .pieces import CityPiece, read_piece
-from .plan import FINEST_CELL, LEAST_PIXEL, REFERENCE_PIXELS, CityPlan, apart, cut, splats_for, within_box
+from .plan import LEAST_PIXEL, REFERENCE_PIXELS, CityPlan, apart, cut, splats_for, within_box
 from .store import Store
 
 SAMPLE = 1_000_000

@@ -31,7 +31,7 @@ class Format:
     kind: str
     title: str
     suffixes: tuple[str, ...]
-    read: Callable[[Path], Splats] | None
+    read: Callable[[Path], Splats] | None = None
     write: SplatWriter | None = None
     instead: str = ""
     frame: str = "as the trainer had it, usually y down"
@@ -56,85 +56,41 @@ def _read_sog(path: Path) -> Splats:
 _NOT_WRITTEN = "not written: .ply and .spz are read by the same programs"
 
 FORMATS = (
+    Format("ply", "PLY of INRIA's trainer and others", (".ply",), _read_ply, inria.write_inria_ply),
+    Format("spz", "SPZ of Niantic", (".spz",), spz.read, spz_writing.write, frame="y up, or by a record"),
     Format(
-        kind="ply",
-        title="PLY of INRIA's trainer and others",
-        suffixes=(".ply",),
-        read=_read_ply,
-        write=inria.write_inria_ply,
+        "compressed.ply", "compressed PLY of PlayCanvas", (".compressed.ply",), _read_compressed, compressed_ply.write
     ),
+    Format("sog", "SOG of PlayCanvas", (".sog",), _read_sog, sog_writing.write),
+    Format("splat", ".splat of antimatter15", (".splat",), dotsplat.read, instead=_NOT_WRITTEN),
+    Format("ksplat", ".ksplat of mkkellogg", (".ksplat",), ksplat.read, instead=_NOT_WRITTEN),
     Format(
-        kind="spz",
-        title="SPZ of Niantic",
-        suffixes=(".spz",),
-        read=spz.read,
-        write=spz_writing.write,
-        frame="y up, or by a record",
-    ),
-    Format(
-        kind="compressed.ply",
-        title="compressed PLY of PlayCanvas",
-        suffixes=(".compressed.ply",),
-        read=_read_compressed,
-        write=compressed_ply.write,
-    ),
-    Format(
-        kind="sog",
-        title="SOG of PlayCanvas",
-        suffixes=(".sog",),
-        read=_read_sog,
-        write=sog_writing.write,
-    ),
-    Format(
-        kind="splat",
-        title=".splat of antimatter15",
-        suffixes=(".splat",),
-        read=dotsplat.read,
-        instead=_NOT_WRITTEN,
-    ),
-    Format(
-        kind="ksplat",
-        title=".ksplat of mkkellogg",
-        suffixes=(".ksplat",),
-        read=ksplat.read,
-        instead=_NOT_WRITTEN,
-    ),
-    Format(
-        kind="glb",
-        title="glTF with KHR_gaussian_splatting",
-        suffixes=gltf.SUFFIXES,
-        read=gltf.read,
+        "glb",
+        "glTF with KHR_gaussian_splatting",
+        gltf.SUFFIXES,
+        gltf.read,
         instead="written by relight: --format splat-glb",
         frame="y up",
     ),
     Format(
-        kind="usd",
-        title="USD with ParticleField3DGaussianSplat",
-        suffixes=usd.SUFFIXES,
-        read=usd.read,
+        "usd",
+        "USD with ParticleField3DGaussianSplat",
+        usd.SUFFIXES,
+        usd.read,
         instead="written by relight: --format usd",
         frame="y or z up, by upAxis",
     ),
+    Format("lcc", "LCC of XGRIDS", (lcc.SUFFIX,), lcc.read, instead=_NOT_WRITTEN, frame="z up"),
     Format(
-        kind="lcc",
-        title="LCC of XGRIDS",
-        suffixes=(lcc.SUFFIX,),
-        read=lcc.read,
-        instead=_NOT_WRITTEN,
-        frame="z up",
-    ),
-    Format(
-        kind="lcc2",
-        title="LCC 2 scene of XGRIDS",
-        suffixes=(".lcc2",),
-        read=None,
+        "lcc2",
+        "LCC 2 scene of XGRIDS",
+        (".lcc2",),
         instead=f"not read: convert it to a .ply, by {CONVERTER} scene.lcc2 scene.ply",
     ),
     Format(
-        kind="rad",
-        title=".rad file of Spark",
-        suffixes=(".rad",),
-        read=None,
+        "rad",
+        ".rad file of Spark",
+        (".rad",),
         instead="not read, its layout is Spark's own: give the .ply or .spz that it was built from",
     ),
 )
