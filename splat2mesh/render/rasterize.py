@@ -1,6 +1,6 @@
 """Splats to images on the CPU: colour, opacity and depth of one view, by tiles, front to back.
 
-The method is elliptical weighted averaging as 3D Gaussian splatting does it. `rasterize_reference` does the same in
+The method is elliptical weighted averaging as 3D Gaussian splatting does it. Its twin in the tests does the same in
 plain NumPy; the kernels here only skip invisible work.
 
 Each pixel is computed by one thread in a fixed order: the same bytes come out on any number of threads.
