@@ -72,7 +72,7 @@ def _holds_cameras(folder: Path) -> bool:
 def _is_layout_of_splats(path: Path) -> bool:
     try:
         content = read_json(path)
-    except ValueError:  # an InputError is one
+    except InputError:
         return True
     return isinstance(content, dict) and "frames" not in content
 

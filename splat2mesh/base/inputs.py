@@ -60,11 +60,18 @@ def check_special(path: str | os.PathLike[str]) -> None:
 
 def read_json(path: str | os.PathLike[str], **how: Any) -> Any:
     """The content of a JSON file of at most LARGEST_TEXT bytes; `how` goes to json.loads. Raises InputError for
-    anything but a regular file and for one too large, ValueError for invalid JSON."""
+    anything but a regular file, for one too large and for invalid JSON."""
     size = file_size(path, "JSON file")
     if size > LARGEST_TEXT:
         raise InputError(f"{path} takes {size >> 20} MB, expected at most {LARGEST_TEXT >> 20} of JSON")
-    return loads(Path(path).read_bytes(), **how)
+    try:
+        return loads(Path(path).read_bytes(), **how)
+    except InputError:  # of a hook
+        raise
+    except OSError as error:
+        raise InputError(f"cannot read {path}: {error.strerror or error}") from error
+    except ValueError as error:
+        raise InputError(f"{path}: not valid JSON ({error})") from error
 
 
 def loads(text: str | bytes, **how: Any) -> Any:

@@ -53,7 +53,8 @@ class View:
         """The same view moved, nearest to points whose image just holds them all. points: (N, 3) world. margin: of the
         image over what they fill."""
         rotation = self.camera_from_world[:3, :3]
-        x, y, z = rotation @ np.asarray(points, np.float64).T
+        # Sums in a fixed order: the rounding of a matrix product depends on its threads.
+        x, y, z = (rotation[:, None] * np.asarray(points, np.float64)).sum(axis=2)
         # Each side of the frustum touches a point when the eye lies on a line; the lines of opposite sides cross
         # where both touch, and the pair that crosses farther back decides.
         slope_x, slope_y = self.width / 2 / self.fx / margin, self.height / 2 / self.fy / margin

@@ -230,12 +230,7 @@ def _checked_meta(path: Path) -> dict[str, Any]:
     """The content of a scene.json of this schema, with all entries that every scene has."""
     if not path.is_file():
         raise InputError(f"{path.parent}: not a scene folder (it has no {META}); make one with splat2mesh")
-    try:
-        meta = read_json(path)
-    except ValueError as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(f"{path}: not valid JSON ({error}); convert the splat again") from error
+    meta = read_json(path)
     version = meta.get("schema_version") if isinstance(meta, dict) else None
     if not isinstance(version, int):
         raise InputError(f"{path}: has no schema_version, so it is not a scene of this tool")

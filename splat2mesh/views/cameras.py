@@ -160,8 +160,6 @@ def _of_json(path: Path, splat_path: str | os.PathLike[str]) -> list[Frame]:
         content = read_json(path)
     except InputError as error:
         raise InputError(f"{error}; expected {KINDS}") from error
-    except ValueError as error:
-        raise InputError(f"{path} is not JSON ({error}); expected {KINDS}") from error
     if isinstance(content, list) and all(isinstance(entry, dict) for entry in content):
         found = [views_of_cameras_json(path, content)]
     elif isinstance(content, dict) and isinstance(content.get("frames"), list):

@@ -73,7 +73,7 @@ def is_streamed(path: Path) -> bool:
     """Return whether a path is the lod-meta.json of a streamed SOG, by its content."""
     try:
         content = read_json(path)
-    except ValueError:  # an InputError is one
+    except InputError:
         return Path(path).name == META
     return isinstance(content, dict) and ("lodLevels" in content or Path(path).name == META)
 
