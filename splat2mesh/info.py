@@ -21,7 +21,7 @@ from .splats.splats import MIN_SPLATS, Splats
 from .surface.background import far_background
 from .views.cameras import KINDS as CAMERA_KINDS
 from .views.cameras import read_cameras
-from .views.colmap import is_colmap
+from .views.colmap import colmap_models, is_colmap
 from .views.located import located_views
 from .views.upright import upright
 from .views.viewpoints import thinned
@@ -64,9 +64,8 @@ def _holds_cameras(folder: Path) -> bool:
         parts_of(folder)
         return False
     except InputError:
-        places = (folder, folder / "0", folder / "sparse" / "0", folder / "sparse", folder / "colmap" / "sparse" / "0")
         files = ("transforms.json", "cameras.json")
-        return any(map(is_colmap, places)) or any((folder / name).is_file() for name in files)
+        return bool(colmap_models(folder)) or any((folder / name).is_file() for name in files)
 
 
 def _is_layout_of_splats(path: Path) -> bool:

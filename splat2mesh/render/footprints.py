@@ -152,7 +152,7 @@ def _cull(begin: int, end: int, gaussians: Gaussians, camera: Camera, depth: Flo
     scales = gaussians.scales
     for i in range(begin, end):
         depth[i] = np.inf
-        x, y, z = _camera_point(camera, gaussians.means, i)
+        x, y, z = camera_point(camera, gaussians.means, i)
         if not (z > camera.near and gaussians.opacities[i] >= MIN_ALPHA):
             continue
         u, v = x / z, y / z
@@ -211,13 +211,25 @@ def _fill(
 
 
 @kernel
-def _camera_point(camera: Camera, means: Points, i: int) -> tuple[float, float, float]:
+def camera_point(camera: Camera, means: Points, i: int) -> tuple[float, float, float]:
+    """The centre of splat i in the camera's frame."""
     rotation, t = camera.rotation, camera.translation
     px, py, pz = np.float64(means[i, 0]), np.float64(means[i, 1]), np.float64(means[i, 2])
     return (
         rotation[0, 0] * px + rotation[0, 1] * py + rotation[0, 2] * pz + t[0],
         rotation[1, 0] * px + rotation[1, 1] * py + rotation[1, 2] * pz + t[1],
         rotation[2, 0] * px + rotation[2, 1] * py + rotation[2, 2] * pz + t[2],
+    )
+
+
+@kernel
+def axes_of(quats: Quaternions, k: int) -> tuple[tuple[float, float, float], ...]:
+    """The three axes of splat k in the world."""
+    w, x, y, z = np.float64(quats[k, 0]), np.float64(quats[k, 1]), np.float64(quats[k, 2]), np.float64(quats[k, 3])
+    return (
+        (1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)),
+        (2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)),
+        (2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)),
     )
 
 
@@ -232,15 +244,9 @@ def _project_one(camera: Camera, gaussians: Gaussians, k: int, out: Footprint) -
     """Write splat k's footprint, all but its colour; with reach_y = -1 (no tiles) when it is not finite."""
     means, scales, quats, opacities = gaussians.means, gaussians.scales, gaussians.quats, gaussians.opacities
     out.reach_y = -1.0
-    x, y, z = _camera_point(camera, means, k)
+    x, y, z = camera_point(camera, means, k)
     u, v = _guarded(camera, x / z, y / z)
-    qw, qx = np.float64(quats[k, 0]), np.float64(quats[k, 1])
-    qy, qz = np.float64(quats[k, 2]), np.float64(quats[k, 3])
-    axes = (
-        (1 - 2 * (qy * qy + qz * qz), 2 * (qx * qy + qw * qz), 2 * (qx * qz - qw * qy)),
-        (2 * (qx * qy - qw * qz), 1 - 2 * (qx * qx + qz * qz), 2 * (qy * qz + qw * qx)),
-        (2 * (qx * qz + qw * qy), 2 * (qy * qz - qw * qx), 1 - 2 * (qx * qx + qy * qy)),
-    )
+    axes = axes_of(quats, k)
     # Image covariance: the sum over the three axes of (J W axis)(J W axis)^T, J the projection's Jacobian.
     x0, y0 = _image_axis(camera, axes[0], scales[k, 0] / z, u, v)
     x1, y1 = _image_axis(camera, axes[1], scales[k, 1] / z, u, v)
@@ -287,11 +293,9 @@ def pixel_range(low: float, high: float, start: int, stop: int) -> tuple[int, in
 
 @kernel
 def _bin_one(s: Footprint, i: int, camera: Camera, open_tiles: Mask, cursors: Integers, entries: Integers) -> bool:
-    """Advance the cursor of each open tile that footprint i touches; where there are entries, note i there.
-
-    A tile is touched when the ellipse reaches its range of pixel centres: exact for each row of tiles.
-    Returns whether any tile was.
-    """
+    """Advance the cursor of each open tile that footprint i touches; where there are entries, note i there. A tile is
+    touched when the ellipse reaches its range of pixel centres: exact for each row of tiles. Returns whether any tile
+    was."""
     tiles_x = (camera.width + TILE - 1) // TILE
     first_row, last_row = pixel_range(s.y - s.reach_y, s.y + s.reach_y, 0, camera.height)
     touched = False

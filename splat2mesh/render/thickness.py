@@ -10,13 +10,13 @@ from ..base.arrays import Floats, Matrix4
 from ..scene.optical_depth import MOST, OpticalDepth
 from ..splats.placing import placed
 from ..splats.splats import Splats
-from .opacitygrid import OCCUPIED, SAMPLES, deal, normal_points
+from .opacitygrid import GROWTH, OCCUPIED, nested
 
 CELLS = 500_000
 """Cells of each grid: a leaf does not matter, a bush does."""
 
-GROWTH, LEVELS, MOST_LEVELS = 2.0, 3, 6
-"""How much larger the box and the cells of each further grid are, and how many grids: marches use the wider ones far
+LEVELS, MOST_LEVELS = 3, 6
+"""How many grids, at least and at most: marches use the wider ones far
 from where they begin."""
 
 CORE = 2.0, 98.0
@@ -46,19 +46,9 @@ def optical_depth(
     widest = float((2.0 * reach / size).max())
     reaching = 1 + math.ceil(math.log(max(widest, 1.0)) / math.log(GROWTH))
     levels = int(np.clip(reaching, LEVELS, MOST_LEVELS))
-    pattern = normal_points(SAMPLES)
     hiding = bare.opacities * (1.0 - (1.0 - ASKEW) * np.asarray(volume, np.float32))
-    origins, cells, grids = [], [], []
-    for level in range(levels):
-        box = size * GROWTH**level
-        cell = float(np.prod(box) / CELLS) ** (1 / 3)
-        shape = np.maximum(np.ceil(box / cell).astype(np.int64), 1)
-        origins.append(center - shape * cell / 2)
-        cells.append(cell)
-        depth = np.zeros(shape.prod(), np.float32)
-        deal(bare.means, bare.scales, bare.quats_wxyz, hiding, pattern, origins[-1], cell, shape, depth)
-        grids.append(_grounded(depth.reshape(shape)))
-    return OpticalDepth.of_levels(origins, cells, grids)
+    origins, cells, grids = nested(bare, hiding, center, size, [CELLS] * levels)
+    return OpticalDepth.of_levels(origins, cells, [_grounded(grid) for grid in grids])
 
 
 def _grounded(depth: NDArray[np.float32]) -> NDArray[np.float32]:

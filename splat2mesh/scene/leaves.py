@@ -87,7 +87,6 @@ def leaf_faces(vertices: Points, faces: Faces, volume: Floats, depth: OpticalDep
 def _disorder(middles: Floats, across: Floats, areas: Floats, side: float) -> tuple[Floats, Floats]:
     """Of faces within boxes of a side: how far their normals cancel, (F,) in [0, 1], 1 in a closed body; and how far
     they face all ways, (F,) in [0, 1/3], 0 in sheets and along a trunk: the least eigenvalue of the mean of n n^T.
-
     middles: (F, 3). across: (F, 3) normals as long as their areas, (F,)."""
     lattice = Lattice(middles.astype(np.float64), side)
     weight = 1.0 / np.maximum(areas, 1e-30)

@@ -29,10 +29,7 @@ EMPTY = -1
 
 RECENT = 1 << 13
 """Slots of a small table of cells that a view asked for last: pixels side by side ask for the same, and it stays in the
-processor's cache, as the other does not."""
-
-FIRST_TABLE = 1 << 20
-"""Slots of the table of requested cells, which doubles as they become more: 8 MB."""
+processor's cache, as that of all requested cells does not. That one begins as small and doubles as they become more."""
 
 
 @kernel
@@ -125,7 +122,7 @@ def requested_cells(
     """Keys of the cells that the pixels of all views ask for: (C,) int64 sorted, or None for more than `most`. steps:
     list of (H, W), wanted sides of the cells, world units. origin: (3,) world."""
     largest = 1 << int(np.ceil(np.log2(2.1 * most)))
-    table, count = np.full(min(FIRST_TABLE, largest), EMPTY, np.int64), 0
+    table, count = np.full(min(RECENT, largest), EMPTY, np.int64), 0
     for sight, step in zip(sights, steps, strict=True):
         use = sight.weight > 0
         rays = sight.view.ray_directions()[use]

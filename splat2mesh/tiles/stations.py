@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..base.arrays import Floats, Mask, Vector
 from ..splats.splats import SOLID
-from ..views.eyes import Eye
+from ..views.eyes import NEAR, Eye
 
 CELLS = 14
 """Cells of the grid of what is taken, along the distance between stations."""
@@ -22,9 +22,6 @@ CLEAR_CELLS = 2.0
 
 ROOMY = 0.3
 """Clearance, in distances between stations, beyond which more does not improve a place."""
-
-NEAR = 0.3
-"""Near plane over the clearance."""
 
 
 def stations_of(

@@ -116,10 +116,8 @@ def tile_mesh(raw: Raw, tile: int, album: Album | None, plan: CityPlan) -> tuple
 
 def _borders(raw: Raw, tile: int, kept: Indices, faces: Faces, points: Points) -> tuple[int, dict[str, list[Any]]]:
     """The number of missing edges to other tiles, and for each other tile their number and a checksum of their
-    positions, which the other tile must have too.
-
-    kept: which vertex of the raw surface each of the mesh is, -1 for none.
-    """
+    positions, which the other tile must have too. kept: which vertex of the raw surface each of the mesh is, -1 for
+    none."""
     edges, other = seam_edges(raw, tile)
     number = np.full(len(raw.points), -1, np.int64)
     number[kept[kept >= 0]] = np.flatnonzero(kept >= 0)

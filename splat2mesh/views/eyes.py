@@ -13,6 +13,9 @@ from ..render.view import View
 FOV_DEG = 92.0
 """Angle of each of the six views: a little over a cube's face, so that they overlap."""
 
+NEAR = 0.3
+"""Near plane of an eye, over its distance from the nearest surfaces."""
+
 GOLDEN = np.pi * (3 - np.sqrt(5))
 """Each eye's cube is turned by this against the one before, so that their seams fall on different places."""
 

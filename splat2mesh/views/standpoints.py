@@ -18,7 +18,7 @@ from ..base.calibration import NOT_RECORDED, Provenance
 from ..base.errors import InputError
 from ..render.opacitygrid import OCCUPIED, OpacityGrid
 from ..splats.splats import Splats
-from .eyes import Eye
+from .eyes import NEAR, Eye
 from .freespace import FreeSpace
 from .overhead import Overhead
 from .viewpoints import even_directions
@@ -77,8 +77,8 @@ and on a plaza the ratio was 0 to .1 there, and 1.5 or more at the eyes chosen a
 STRAYS = 2.0
 """Percentile of the heights at which rays hit the foreground, above which they are the ground."""
 
-NEAR_CLEARANCE, NEAR_DIAGONAL = 0.3, 0.002
-"""Near plane of an eye: the part of the way to its nearest surfaces, and of the scene's diagonal at least."""
+NEAR_DIAGONAL = 0.002
+"""Near plane of an eye, over the scene's diagonal, at least."""
 
 WANTED = 3.0
 """Eyes after which another one of the same patch of surface adds nothing."""
@@ -186,7 +186,7 @@ class _RayFans(NamedTuple):
         found = []
         for row in rows:
             clearance = float(np.percentile(self.distance[row][self.hit[row]], 2))
-            found.append(Eye(self.points[row], max(NEAR_CLEARANCE * clearance, nearest)))
+            found.append(Eye(self.points[row], max(NEAR * clearance, nearest)))
         return found
 
     @property
