@@ -21,11 +21,12 @@ import numpy as np
 import scipy
 
 from .base.arrays import Matrix3, Matrix4
+from .base.choices import DEFAULT_VERTICES
 from .base.errors import DataWarning, InputError
 from .base.inputs import read_json, reading
 from .base.progress import Stages
 from .options import LEAST_VERTICES, ConvertOptions
-from .pipeline import DEFAULT_VERTICES, converted, planned
+from .pipeline import converted, planned
 from .proxy import add_proxy, check_proxy
 from .scene.mesh import Mesh
 from .scene.scene import Scene

@@ -9,6 +9,7 @@ import numpy as np
 
 from .base import ahead
 from .base.arrays import Matrix4, Vector
+from .base.choices import DEFAULT_VERTICES
 from .base.errors import DataWarning, InputError
 from .base.progress import Stages
 from .capture import Capture, capture_of
@@ -30,14 +31,13 @@ from .surface.foliage import leaves_apart
 from .surface.measure import measured_of
 from .surface.place import parted, place_look, reconstruct_place
 from .surface.solid import reconstruct_object
+from .texture.glb import mesh_glb
+from .texture.texture import texture_of
 from .views.cameras import spread_out
 from .views.eyes import around
 from .views.picture import mesh_depth, place_view
 from .views.standpoints import ROOM_SHARE, Standpoints
 from .views.viewpoints import bounds_of, near_plane, picture_view, virtual_views
-
-DEFAULT_VERTICES = 50_000
-"""Views of an object. A place gets as many as it needs."""
 
 GROUND_VERTICES = 200_000
 """At most, of an object that was captured with the ground around it, where colours ask for more."""
@@ -211,9 +211,6 @@ def _settings(capture: Capture, asked: ConvertOptions) -> dict[str, Any]:
 def add_texture(scene: Scene, looks: list[Look], size: int | str, stages: Stages) -> None:
     """Give a Scene that was not saved yet its texture, which `save` writes as mesh.glb. looks: what shows it. size:
     side in texels, or "auto". Raises InputError."""
-    from .texture.glb import mesh_glb
-    from .texture.texture import texture_of
-
     surfaces = Drawn.surfaces(scene).scene
     made = texture_of(surfaces, looks, None if size == "auto" else int(size), stages)
     with stages.stage("texture file"):

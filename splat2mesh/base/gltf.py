@@ -17,7 +17,7 @@ import pygltflib as codes
 from numpy.typing import NDArray
 
 from .errors import DataWarning, InputError
-from .inputs import file_size, inside, loads, reading
+from .inputs import FREE, file_size, inside, loads, reading
 
 COMPONENTS = {
     **{codes.BYTE: "<i1", codes.UNSIGNED_BYTE: "<u1", codes.SHORT: "<i2", codes.UNSIGNED_SHORT: "<u2"},
@@ -117,7 +117,7 @@ class GltfData:
         try:
             accessor = entry(self.document.accessors, index)
             dtype, width = np.dtype(COMPONENTS[accessor.componentType]), WIDTHS[accessor.type]
-            if not isinstance(accessor.count, int) or not 0 <= accessor.count <= max(self.size, 1 << 20) * 4:
+            if not isinstance(accessor.count, int) or not 0 <= accessor.count <= max(self.size, FREE) * 4:
                 raise ValueError(f"it announces {accessor.count} items")
             if accessor.bufferView is None:
                 if accessor.sparse is None:

@@ -19,8 +19,8 @@ LEVELS, MOST_LEVELS = 3, 6
 """How many grids, at least and at most: marches use the wider ones far
 from where they begin."""
 
-CORE = 2.0, 98.0
-"""Percentiles of the thick splats' places along each axis that the innermost box holds."""
+OUTSIDE = 2.0
+"""Percent of the thick splats' places along each axis that lie beyond either end of the innermost box."""
 
 ASKEW = 0.5
 """Of its face, what a leaf that may be turned any way hides on the mean: a flat thing's mean projected area is half of
@@ -39,7 +39,7 @@ def optical_depth(
     a column counts as opaque: light that comes from below the ground is none."""
     bare = placed(_without_view(splats), scene_from_splat)
     thick = bare.means[volume > np.percentile(volume, 50.0)] if len(volume) else bare.means
-    low, high = np.percentile(thick if len(thick) else bare.means, CORE, axis=0)
+    low, high = np.percentile(thick if len(thick) else bare.means, [OUTSIDE, 100.0 - OUTSIDE], axis=0)
     center, size = (low + high) / 2.0, np.maximum(high - low, 1e-6)
     size = np.maximum(size, 0.1 * size.max())
     reach = np.abs(np.percentile(bare.means, [0.1, 99.9], axis=0) - center).max(axis=0)

@@ -14,6 +14,7 @@ from ..base.arrays import Floats
 from ..base.calibration import NOT_RECORDED, Provenance
 from ..base.errors import InputError
 from ..base.progress import Stages
+from ..render.footprints import DILATION as TRAINING_DILATION
 from ..render.opacitygrid import SCALES_PER_PIXEL
 from ..render.rasterize import rasterize
 from ..render.view import View
@@ -24,9 +25,6 @@ from .color import RenderedPicture
 from .fusion import PlaneMap, fuse
 from .sight import Shot
 from .sugar import DensityField, SurfacePoints, poisson, surface_points
-
-TRAINING_DILATION = 0.3
-"""Variance in square pixels that training added to every Gaussian on screen (Kerbl et al. 2023)."""
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..base.arrays import Faces, Floats, Indices, Points, Vector
 from ..base.calibration import Provenance
+from ..base.choices import DEFAULT_VERTICES
 from ..base.errors import InputError
 from ..base.progress import Stages
 from ..render.view import View
@@ -61,9 +62,9 @@ PROBES = 12
 FINEST_CELL = 0.7
 """Least side of a cell in training pixels: there is nothing finer in a splat."""
 
-SPARE, LEAST_VERTICES, MOST_VERTICES, SHAPE = 2.5, 50_000, 400_000, 0.75
-"""Where the number of vertices is left to the capture: vertices found for one that is kept, vertices at least and at
-most, and the part of the most that the shape may take, before colours ask for theirs."""
+SPARE, MOST_VERTICES, SHAPE = 2.5, 400_000, 0.75
+"""Where the number of vertices is left to the capture: vertices found for one that is kept, vertices at most, and the
+part of the most that the shape may take, before colours ask for theirs."""
 
 SAMPLED, LEAST_POINTS = 17, 100
 """Every so many pixels of a depth map count for the typical distance, and how many of these there are at least."""
@@ -118,7 +119,7 @@ def reconstruct_place(
         used, corners = np.unique(faces, return_inverse=True)
         points, faces, cells = points[used], corners.reshape(-1, 3).astype(np.int32), cells[used]
     found = len(points)
-    wanted = int(np.clip(found / SPARE, LEAST_VERTICES, MOST_VERTICES * SHAPE)) if vertices is None else vertices
+    wanted = int(np.clip(found / SPARE, DEFAULT_VERTICES, MOST_VERTICES * SHAPE)) if vertices is None else vertices
     with stages.stage("decimate"):
         longest = HOLE_CELLS * float(np.median(cells))
         points, faces, *_ = simplify(points, faces, cells, wanted)

@@ -11,6 +11,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from ..base import sphere
@@ -217,8 +218,6 @@ def even_directions(count: int) -> NDArray[np.float64]:
 def _free_places(splats: Splats, bounds: Bounds, count: int, rng: np.random.Generator) -> NDArray[np.float64]:
     """Up to `count` points inside the box that keep clear of all splats, as far from one another as can be. Space that
     surfaces seal off is the inside of an object, unless it is most of the box: then it is a room."""
-    from scipy.ndimage import binary_dilation, label
-
     cell = np.ptp(bounds, axis=0).max() / FREE_GRID
     shape = np.maximum(np.ceil(np.ptp(bounds, axis=0) / cell).astype(int), 1)
     inside = (splats.opacities > 0.1) & ((splats.means >= bounds[0]) & (splats.means < bounds[1])).all(axis=1)
@@ -227,7 +226,7 @@ def _free_places(splats: Splats, bounds: Bounds, count: int, rng: np.random.Gene
     taken[tuple(cells.T)] = True
     # With enough space around it, the box's outside is one region that every window and skylight opens to.
     margin = CLEARANCE + 1
-    regions, _ = label(~binary_dilation(np.pad(taken, margin), iterations=CLEARANCE))
+    regions, _ = scipy.ndimage.label(~scipy.ndimage.binary_dilation(np.pad(taken, margin), iterations=CLEARANCE))
     roomy = np.bincount(regions.ravel()) > SEALED_ROOM_SHARE * taken.size
     roomy[0], roomy[regions[0, 0, 0]] = False, True
     free = np.argwhere(roomy[regions[margin:-margin, margin:-margin, margin:-margin]])

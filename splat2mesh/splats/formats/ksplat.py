@@ -27,7 +27,7 @@ _USUAL_SH = 1.5  # bounds of the harmonics where the header has 0
 _MOST_SECTIONS = 1 << 16
 _TYPES = ("<f4", "<f4", "<f4"), ("<u2", "<f2", "<f2"), ("<u2", "<f2", "u1")
 """Of the positions, of scales and rotations, and of the harmonics, by level."""
-_USUAL_RANGE = 1, 32767, 32767
+_USUAL_RANGE = 1, *[np.iinfo(code).max // 2 for code, *_ in _TYPES[1:]]
 _COMPONENTS = [3 * (coefficients - 1) for coefficients in DEGREE_OF_COEFFICIENTS]
 
 

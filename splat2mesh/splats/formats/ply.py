@@ -17,9 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.errors import DataWarning, InputError
-from ...base.inputs import file_size
+from ...base.inputs import FREE, file_size
 
-MAX_HEADER_BYTES = 1 << 20
 _BYTE_ORDERS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
 _TYPES = {
     **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"},
@@ -69,8 +68,8 @@ class Ply:
             if file.readline(16).strip() != b"ply":
                 raise InputError(f"{path} is not a PLY file: its first line must be 'ply'")
             for number in itertools.count(2):
-                raw = file.readline(MAX_HEADER_BYTES)
-                if not raw.endswith(b"\n") or file.tell() > MAX_HEADER_BYTES:
+                raw = file.readline(FREE)
+                if not raw.endswith(b"\n") or file.tell() > FREE:
                     raise InputError(f"{path}: the PLY header has no end_header line: the file is cut short or damaged")
                 words = raw.decode("latin-1").split()
                 match words:

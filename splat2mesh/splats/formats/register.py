@@ -8,10 +8,10 @@ from typing import Any
 
 from ...base.errors import InputError
 from ...base.gltf import SPLATS, SPZ_DRAFT
-from ...base.inputs import check_special
+from ...base.inputs import FREE, check_special
 from ..splats import Splats
 from . import compressed_ply, dotsplat, gltf, inria, ksplat, lcc, sog, sog_writing, spz, spz_writing, usd
-from .ply import MAX_HEADER_BYTES, Ply
+from .ply import Ply
 
 SplatWriter = Callable[[str | os.PathLike[str], Splats], Any]
 
@@ -145,7 +145,7 @@ def looks_like_splat(path: Path) -> bool:
     """Return whether a file is meant as a splat, rather than as a mesh, by its content; does not validate it."""
     suffix = path.suffix.lower()
     with open(path, "rb") as file:
-        head = file.read(MAX_HEADER_BYTES)
+        head = file.read(FREE)
     if head.startswith(b"ply"):
         header = head[: head.find(b"\nend_header")]
         return b"packed_position" in header or (b"scale_0" in header and b"rot_0" in header)
