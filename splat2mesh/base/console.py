@@ -165,17 +165,13 @@ def printable(text: str) -> str:
     Names and comments of files are untrusted, and an escape sequence can retitle a window or hide a line. Bytes of a
     name that are no text, which no stream could encode, are escaped too.
     """
-    whole = "".join(letter if _is_plain(letter) else _spelled(letter) for letter in text)
+    whole = "".join(letter if _is_plain(letter) else letter.encode("unicode_escape").decode() for letter in text)
     encoding = getattr(sys.stdout, "encoding", None) or "utf-8"
     return whole.encode(encoding, "backslashreplace").decode(encoding)
 
 
 def _is_plain(letter: str) -> bool:
     return letter.isprintable() or unicodedata.category(letter) == "Zs" or letter in _JOINERS
-
-
-def _spelled(letter: str) -> str:
-    return letter.encode("unicode_escape").decode("ascii")
 
 
 def _failed(error: Exception) -> str:

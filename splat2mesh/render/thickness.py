@@ -1,6 +1,7 @@
 """The optical depth of a scene in coarse cells, made from the opacities of its splats, with solid ground below."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import scipy
@@ -37,7 +38,7 @@ def optical_depth(
 ) -> OpticalDepth:
     """The OpticalDepth around the leaves and grass of a scene, scene frame, y up. What lies below the lowest splats of
     a column counts as opaque: light that comes from below the ground is none."""
-    bare = placed(_without_view(splats), scene_from_splat)
+    bare = placed(replace(splats, sh=splats.sh[:, :1]), scene_from_splat)
     thick = bare.means[volume > np.percentile(volume, 50.0)] if len(volume) else bare.means
     low, high = np.percentile(thick if len(thick) else bare.means, [OUTSIDE, 100.0 - OUTSIDE], axis=0)
     center, size = (low + high) / 2.0, np.maximum(high - low, 1e-6)
@@ -60,7 +61,3 @@ def _grounded(depth: NDArray[np.float32]) -> NDArray[np.float32]:
     lowest[lowest >= height] = 0
     below = np.arange(height)[None, :, None] < lowest[:, None, :]
     return np.where(below, np.float32(MOST), depth)
-
-
-def _without_view(splats: Splats) -> Splats:
-    return Splats(splats.means, splats.scales, splats.quats_wxyz, splats.opacities, splats.sh[:, :1])

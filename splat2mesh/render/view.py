@@ -99,6 +99,15 @@ class View:
             pixels = local[:, :2] / local[:, 2:] * [self.fx, self.fy] + [self.cx, self.cy]
         return pixels, local[:, 2]
 
+    def shown(self, points: ArrayLike) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
+        """Which world points (N, 3) lie within the image: their rows (M,), the row and column of the pixel of each,
+        (2, M), and their camera z (M,)."""
+        pixels, depth = self.project(points)
+        with np.errstate(invalid="ignore"):
+            inside = (depth > 0) & (pixels >= 0).all(axis=1) & (pixels < [self.width, self.height]).all(axis=1)
+        rows = np.flatnonzero(inside)
+        return rows, pixels[rows].astype(np.int64).T[::-1], depth[rows]
+
     def ray_directions(self) -> NDArray[np.float64]:
         """World directions through all pixel centres, scaled to camera z = 1: (H, W, 3) float64."""
         x = (np.arange(self.width) + 0.5 - self.cx) / self.fx

@@ -69,7 +69,10 @@ def placed(splats: Splats, matrix: ArrayLike) -> Splats:
             splats,
             means=means,
             scales=splats.scales * scale,
-            quats_wxyz=_times(_quat_wxyz(rotation), splats.quats_wxyz.astype(np.float64)),
+            quats_wxyz=_times(
+                np.roll(scipy.spatial.transform.Rotation.from_matrix(rotation).as_quat(), 1),
+                splats.quats_wxyz.astype(np.float64),
+            ),
             sh=_turned(splats.sh, sh_rotation_3dgs(rotation, splats.degree)),
             facts=splats.facts.turned(scale * rotation),
         )
@@ -138,10 +141,6 @@ def _turned(sh: NDArray[np.float32], matrix: NDArray[np.float64]) -> NDArray[np.
         rows = slice(start, start + BLOCK)
         turned[rows, 1:] = np.matmul(matrix[1:, 1:], sh[rows, 1:])
     return turned
-
-
-def _quat_wxyz(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
-    return scipy.spatial.transform.Rotation.from_matrix(rotation).as_quat()[[3, 0, 1, 2]]
 
 
 def _times(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:

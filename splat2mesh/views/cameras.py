@@ -226,10 +226,7 @@ def spread_out(views: Sequence[View], count: int) -> list[View]:
 
 def _sees(view: View, points: Points) -> bool:
     """Whether a camera has points in its picture, SEES of them at least: (N, 3) world."""
-    pixels, depth = view.project(points)
-    with np.errstate(invalid="ignore"):
-        inside = (depth > 0) & (pixels >= 0).all(axis=1) & (pixels < [view.width, view.height]).all(axis=1)
-    return bool(np.count_nonzero(inside) >= max(1, SEES * len(points)))
+    return len(view.shown(points)[0]) >= max(1, SEES * len(points))
 
 
 def _solid(splats: Splats) -> Points:

@@ -77,10 +77,8 @@ def mesh_depth(vertices: Points, faces: Faces) -> Callable[[View], Floats]:
 
 
 def _worth(view: View, depth: Floats, points: Points, typical: float) -> float:
-    pixels, z = view.project(points)
-    inside = (z > 0) & (pixels >= 0).all(axis=1) & (pixels < [COLUMNS, ROWS]).all(axis=1)
-    column, row = pixels[inside].astype(int).T
-    shown = (z[inside] < SEEN * depth[row, column]).sum() / len(points)
+    _, pixel, z = view.shown(points)
+    shown = (z < SEEN * depth[tuple(pixel)]).sum() / len(points)
     met = depth[np.isfinite(depth)]
     near = float(np.percentile(met, 5)) if len(met) else 0.0
     return shown * min(near / (ROOMY * typical), 1.0) * (0.3 + 0.7 * len(met) / depth.size)
