@@ -17,7 +17,7 @@ from ..base.threads import shared
 from ..render.view import stacked
 from ..scene.color import bytes_from_unit
 from .color import RenderedPicture
-from .sight import LEAST_COSINE, Shot
+from .sight import LEAST_COSINE, Sighting
 
 TOLERANCE = 0.02
 """Largest distance of a seen point from the rendered depth, in units of that depth."""
@@ -53,8 +53,8 @@ class Album(NamedTuple):
     thickness: NDArray[np.float32]
 
     @classmethod
-    def of(cls, shots: Sequence[Shot]) -> "Album":
-        """The pictures of some Shots."""
+    def of(cls, shots: Sequence[Sighting]) -> "Album":
+        """The pictures of some Sightings."""
         return cls(
             *stacked([shot.view for shot in shots]),
             np.concatenate([bytes_from_unit(shot.seen.color).reshape(-1, 3) for shot in shots]),

@@ -23,7 +23,7 @@ from ..splats.splats import Splats
 from ..views.viewpoints import bounds_of, near_plane
 from .color import RenderedPicture
 from .fusion import PlaneMap, fuse
-from .sight import Shot
+from .sight import Sighting
 from .sugar import DensityField, SurfacePoints, poisson, surface_points
 
 
@@ -120,7 +120,7 @@ def surface_level(look: Look) -> float:
     """
     found: list[Floats] = [np.zeros(0)]
     for view in look.views[:: max(1, len(look.views) // LEVEL_PROBES)]:
-        shot = Shot.taken(look.splats, view.resized(PROBE_PIXELS), look.near[0])
+        shot = Sighting.taken(look.splats, view.resized(PROBE_PIXELS), look.near[0])
         found.append(shot.thickness.ravel() / look.pixel)
     thickness = np.concatenate(found)
     thickness = thickness[np.isfinite(thickness)]
@@ -147,7 +147,7 @@ def _field(look: Look, effort: Effort, vertices: int, stages: Stages) -> tuple[A
     level = surface_level(look)
     with stages.stage("depth maps", total=len(views)) as advance:
         for view in views:
-            shot = Shot.taken(splats, view, near[0], level)
+            shot = Sighting.taken(splats, view, near[0], level)
             seen = shot.seen
             maps.append(PlaneMap.from_depth(view, seen.depth, seen.normal, seen.spread, diagonal / 2))
             pictures.append(RenderedPicture.from_render(view, seen.color, seen.depth, shot.thickness))

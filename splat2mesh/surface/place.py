@@ -24,7 +24,7 @@ from .decimate import decimate
 from .extract import PROBE_PIXELS, Look, dilated, training_pixel
 from .fair import fair
 from .refine import refine_by_color
-from .sight import FusionSight, Shot
+from .sight import FusionSight, Sighting
 from .simplify import simplify
 
 
@@ -98,7 +98,7 @@ def reconstruct_place(
     distance, centers = float(np.median(depths)), _near_centers(shots)
     middle = np.median(centers, axis=0)
 
-    def developed(shots: Sequence[Shot]) -> tuple[list[FusionSight], Album]:
+    def developed(shots: Sequence[Sighting]) -> tuple[list[FusionSight], Album]:
         return [FusionSight.of(shot, distance, FINEST_CELL * pixel, fog) for shot in shots], Album.of(shots)
 
     sights, album = developed(shots)
@@ -139,12 +139,12 @@ def reconstruct_place(
     return Mesh(placed, normals, faces, colors), Look(splats, pixel, list(views), near), counts
 
 
-def _shots(splats: Splats, views: Sequence[View], near: Floats, level: float, stages: Stages) -> list[Shot]:
+def _shots(splats: Splats, views: Sequence[View], near: Floats, level: float, stages: Stages) -> list[Sighting]:
     """What views show of splats."""
     shots = []
     with stages.stage("depth maps", total=len(views)) as advance:
         for view, plane in zip(views, near, strict=True):
-            shots.append(Shot.taken(splats, view, plane, level))
+            shots.append(Sighting.taken(splats, view, plane, level))
             advance()
     return shots
 
@@ -155,7 +155,7 @@ def _fused(sights: Sequence[FusionSight], middle: Vector, stages: Stages) -> tup
     return points, faces, cells
 
 
-def _near_centers(shots: Sequence[Shot]) -> Points:
+def _near_centers(shots: Sequence[Sighting]) -> Points:
     """Where the half of the views that is nearest to what it sees stands, (E, 3): not the views from around."""
     found = [shot.seen.depth[np.isfinite(shot.seen.depth)] for shot in shots]
     depths = np.array([np.median(depth) if len(depth) else np.inf for depth in found])
@@ -166,7 +166,7 @@ def _fog(splats: Splats, views: Sequence[View], near: Floats) -> float:
     """Median thickness of the surfaces that views see, over their distance."""
     found: list[Floats] = [np.zeros(0)]
     for probe in _probes(views):
-        shot = Shot.taken(splats, views[probe].resized(PROBE_PIXELS), near[probe])
+        shot = Sighting.taken(splats, views[probe].resized(PROBE_PIXELS), near[probe])
         found.append((shot.thickness / shot.seen.depth).ravel())
     ratios = np.concatenate(found)
     ratios = ratios[np.isfinite(ratios)]

@@ -26,7 +26,7 @@ CELL_PIXELS, THICK_CELLS, MOST_THICK = 1.5, 4.0, 3.0
 the cells over what they are elsewhere at its distance."""
 
 
-class Shot(NamedTuple):
+class Sighting(NamedTuple):
     """A view, what it shows, and how thick the surface is along its normal, (H, W) in world units, NaN where there is
     none."""
 
@@ -35,7 +35,7 @@ class Shot(NamedTuple):
     thickness: Floats
 
     @classmethod
-    def taken(cls, splats: Splats, view: View, near: float, level: float = FIELD_LEVEL) -> "Shot":
+    def taken(cls, splats: Splats, view: View, near: float, level: float = FIELD_LEVEL) -> "Sighting":
         """What a view shows of splats, as of `field_depth`."""
         seen = field_depth(splats, view, float(near), level)
         return cls(view, seen, seen.spread * -(view.ray_directions() * seen.normal).sum(axis=-1))
@@ -70,8 +70,8 @@ class FusionSight:
     step: NDArray[np.float32]
 
     @classmethod
-    def of(cls, shot: Shot, distance: float, finest: float, fog: float) -> "FusionSight":
-        """From a Shot. distance: typical of the place, world units: what is much farther away counts less. finest:
+    def of(cls, shot: Sighting, distance: float, finest: float, fog: float) -> "FusionSight":
+        """From a Sighting. distance: typical of the place, world units: what is much farther away counts less. finest:
         least side of a cell, world units. fog: typical thickness of the surfaces over their distance."""
         view, seen, thickness = shot
         rays = view.ray_directions().astype(np.float32)

@@ -45,7 +45,7 @@ class SurfacePoints:
     normals: np.ndarray
 
 
-class Gaussians(NamedTuple):
+class DensityGaussians(NamedTuple):
     """What makes up a density: means (N, 3), rotations (N, 3, 3), scales (N, 3) and opacities (N,), float32."""
 
     means: Points
@@ -61,7 +61,7 @@ class DensityField:
         self._origin = splats.means.mean(axis=0, dtype=np.float64)
         means = (splats.means - self._origin).astype(np.float32)
         scales = np.maximum(splats.scales, splats.scales.max(axis=1, keepdims=True) * 1e-3).astype(np.float32)
-        self._gaussians = Gaussians(means, splats.rotation_matrices(), scales, splats.opacities)
+        self._gaussians = DensityGaussians(means, splats.rotation_matrices(), scales, splats.opacities)
         self._tree = scipy.spatial.cKDTree(means)
 
     def crossings(self, points: Points, directions: Directions) -> SurfacePoints:
@@ -113,7 +113,7 @@ def poisson(surface: SurfacePoints, depth: int) -> Any:
 
 @kernel
 def _density(
-    x: float, y: float, z: float, p: int, neighbors: Integers, gaussians: Gaussians
+    x: float, y: float, z: float, p: int, neighbors: Integers, gaussians: DensityGaussians
 ) -> tuple[float, float, float, float]:
     """Density at a point, of its row p of `neighbors`, and the gradient there: four numbers."""
     means, rotations, scales, opacities = gaussians
@@ -145,7 +145,7 @@ def _enter_level(
     points: Points,
     directions: Directions,
     neighbors: Integers,
-    gaussians: Gaussians,
+    gaussians: DensityGaussians,
     offsets: Floats,
     normals: Directions,
 ) -> None:
@@ -160,7 +160,7 @@ def _enter(
     points: Points,
     directions: Directions,
     neighbors: Integers,
-    gaussians: Gaussians,
+    gaussians: DensityGaussians,
     offsets: Floats,
     normals: Directions,
 ) -> None:

@@ -14,7 +14,7 @@ from ..render.view import View
 from ..splats.splats import Splats
 from ..surface.extract import dilated
 from ..surface.place import PLACE
-from ..surface.sight import FusionSight, Shot
+from ..surface.sight import FusionSight, Sighting
 from ..views.eyes import Eye, around
 from .plan import CARVE, INFLUENCE, RING, CityPlan, grown
 from .stations import stations_of
@@ -41,7 +41,7 @@ def probe(store: Store, key: str, tile: int, sources: dict[int, list[int]]) -> l
     chosen = stations[:: max(1, len(stations) // PROBES)]
     ratios = []
     for view, near in zip(*around(chosen, PROBE_PIXELS, UP), strict=True):
-        shot = Shot.taken(splats, view, near)
+        shot = Sighting.taken(splats, view, near)
         ratio = (shot.thickness / shot.seen.depth).ravel()[::7]
         ratios += ratio[np.isfinite(ratio)].tolist()
     return ratios
@@ -60,7 +60,7 @@ def look(store: Store, key: str, tile: int, sources: dict[int, list[int]]) -> di
         if number % 6 == 0:  # views of one station
             away = np.linalg.norm(splats.means - view.center.astype(np.float32), axis=1)
             reached = splats.take(np.flatnonzero(away <= known.reach + EXTENT * sizes))
-        _, seen, thickness = Shot.taken(reached, view, plane, known.level)
+        _, seen, thickness = Sighting.taken(reached, view, plane, known.level)
         rays = np.linalg.norm(view.ray_directions(), axis=-1)
         with np.errstate(invalid="ignore"):
             depth = np.where(seen.depth * rays <= known.reach, seen.depth, np.nan).astype(np.float32)
@@ -92,7 +92,7 @@ def _prepare(store: Store, plan: CityPlan, tile: int, sources: dict[int, list[in
     return dilated(splats, PLACE.dilation * plan.trained), stations
 
 
-def shots_around(store: Store, plan: CityPlan, tile: int) -> Iterator[Shot]:
+def shots_around(store: Store, plan: CityPlan, tile: int) -> Iterator[Sighting]:
     """The views that show a tile and its ring, in an order that all tiles share. A view counts if one of its surface
     points lies near enough to matter: all others leave no trace there."""
     low, high = _range(plan, tile)
@@ -113,7 +113,7 @@ def shots_around(store: Store, plan: CityPlan, tile: int) -> Iterator[Shot]:
             color = kept["color"][row].astype(np.float32) / np.float32(255)
             spread = np.minimum(kept["spread"][row], np.float32(DEEPEST * plan.block))
             seen = FieldDepth(depth, normal, spread, color, np.isfinite(depth).astype(np.float32))
-            yield Shot(view, seen, kept["thickness"][row])
+            yield Sighting(view, seen, kept["thickness"][row])
 
 
 def _ground_of(view: View, depth: DepthMap) -> Floats:
@@ -127,7 +127,7 @@ def _bounds_of(view: View, depth: DepthMap) -> Floats:
     return np.stack([np.nanmin(points, axis=0), np.nanmax(points, axis=0)])
 
 
-def sight_of(shot: Shot, plan: CityPlan, tile: int) -> FusionSight:
+def sight_of(shot: Sighting, plan: CityPlan, tile: int) -> FusionSight:
     """A view ready for fusion in a tile's ring: its cells are no larger than a block, it reaches no farther than
     INFLUENCE, and pixels that cannot reach the ring are left out."""
     sight = FusionSight.of(shot, plan.spacing, plan.finest, plan.fog)

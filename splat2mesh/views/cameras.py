@@ -41,7 +41,7 @@ SHARP = 0.02
 """Thickness of a surface, in distances to it, up to which it looks sharp to such a view."""
 
 
-class Frame(NamedTuple):
+class FramedCameras(NamedTuple):
     """Cameras of a file or folder, in one of the frames that the splat may be in, and those that can be used."""
 
     source: Path
@@ -49,10 +49,10 @@ class Frame(NamedTuple):
     usable: list[View]
 
     @classmethod
-    def of(cls, source: Path, cameras: list[Camera]) -> "Frame":
+    def of(cls, source: Path, cameras: list[Camera]) -> "FramedCameras":
         return cls(source, cameras, [camera for camera in cameras if isinstance(camera, View)])
 
-    def seeing(self, points: Points) -> "Frame":
+    def seeing(self, points: Points) -> "FramedCameras":
         """The same, of which only the cameras that see points can be used."""
         return self._replace(usable=[view for view in self.usable if _sees(view, points)])
 
@@ -104,7 +104,7 @@ def read_cameras(path: str | os.PathLike[str], splat_path: str | os.PathLike[str
     return [frame.cameras for frame in _frames(Path(path), splat_path)]
 
 
-def _warn_dropped(path: str | os.PathLike[str], frame: Frame) -> None:
+def _warn_dropped(path: str | os.PathLike[str], frame: FramedCameras) -> None:
     """One DataWarning about cameras of a file that are left out, why each."""
     reasons = Counter(camera for camera in frame.cameras if isinstance(camera, str))
     reasons["see no solid splat"] = len(frame.cameras) - reasons.total() - len(frame.usable)
@@ -113,7 +113,7 @@ def _warn_dropped(path: str | os.PathLike[str], frame: Frame) -> None:
         warnings.warn(f"{path}: dropped, of {len(frame.cameras)} cameras, {text}", DataWarning, stacklevel=3)
 
 
-def _fullest(path: Path, frames: Sequence[Frame]) -> Frame:
+def _fullest(path: Path, frames: Sequence[FramedCameras]) -> FramedCameras:
     """The model with most usable cameras, the first of equal ones; warns, saying which, where they differ."""
     best = max(frames, key=lambda frame: len(frame.usable))
     others = [frame for frame in frames if len(frame.usable) < len(best.usable)]
@@ -128,7 +128,7 @@ def _fullest(path: Path, frames: Sequence[Frame]) -> Frame:
     return best
 
 
-def _sharpest(frames: Sequence[Frame], splats: Splats) -> Frame:
+def _sharpest(frames: Sequence[FramedCameras], splats: Splats) -> FramedCameras:
     """Of the frames in which most cameras see the splat the likeliest, the first, that shows it nearly as sharp as
     any."""
     most = max(len(frame.usable) for frame in frames)
@@ -139,7 +139,7 @@ def _sharpest(frames: Sequence[Frame], splats: Splats) -> Frame:
     return next(frame for frame, sharp in zip(likely, sharpness, strict=True) if sharp > CLEARLY * max(sharpness))
 
 
-def _frames(path: Path, splat_path: str | os.PathLike[str] = ".") -> list[Frame]:
+def _frames(path: Path, splat_path: str | os.PathLike[str] = ".") -> list[FramedCameras]:
     """The cameras of a path in every frame that the splat may be in, or of each of its COLMAP models."""
     if not path.is_dir():
         return _of_json(path, splat_path)
@@ -154,7 +154,7 @@ def _frames(path: Path, splat_path: str | os.PathLike[str] = ".") -> list[Frame]
     return _of_models(path, models)
 
 
-def _of_json(path: Path, splat_path: str | os.PathLike[str]) -> list[Frame]:
+def _of_json(path: Path, splat_path: str | os.PathLike[str]) -> list[FramedCameras]:
     """The cameras of a JSON file of either kind, in every frame that the splat may be in."""
     try:
         content = read_json(path)
@@ -168,10 +168,10 @@ def _of_json(path: Path, splat_path: str | os.PathLike[str]) -> list[Frame]:
         raise InputError(f"{path} holds no cameras; expected {KINDS}")
     if not found[0]:
         raise InputError(f"{path} holds no cameras: its list is empty")
-    return [Frame.of(path, cameras) for cameras in found]
+    return [FramedCameras.of(path, cameras) for cameras in found]
 
 
-def _of_model(path: Path) -> Frame:
+def _of_model(path: Path) -> FramedCameras:
     """The cameras of a COLMAP model; warns about larger ones beside it."""
     found = read_colmap(path)
     for other in larger_models(path):
@@ -181,15 +181,15 @@ def _of_model(path: Path) -> Frame:
             DataWarning,
             stacklevel=4,
         )
-    return Frame.of(path, found)
+    return FramedCameras.of(path, found)
 
 
-def _of_models(path: Path, models: Sequence[Path]) -> list[Frame]:
+def _of_models(path: Path, models: Sequence[Path]) -> list[FramedCameras]:
     """The cameras of several COLMAP models; those that cannot be read are left out beside one that can."""
     found, errors = [], []
     for model in models:
         try:
-            found.append(Frame.of(model, read_colmap(model)))
+            found.append(FramedCameras.of(model, read_colmap(model)))
         except InputError as error:
             errors.append(error)
     if not found:

@@ -7,7 +7,7 @@ import pytest
 
 from splat2mesh.surface import album
 from splat2mesh.surface.album import Album
-from splat2mesh.surface.sight import Shot
+from splat2mesh.surface.sight import Sighting
 from splat2mesh.views.eyes import around
 
 PIXELS = 24
@@ -31,7 +31,7 @@ def pictures():
 
 
 def of(pictures):
-    return Album.of([Shot(*picture) for picture in pictures])
+    return Album.of([Sighting(*picture) for picture in pictures])
 
 
 def test_groups_of_points_leave_out_no_picture_that_shows_one(pictures, monkeypatch):
