@@ -267,9 +267,8 @@ def _collapse(
             continue
         longest = LONGEST * min(sizes[a], sizes[b])
         place = places[e]
-        if _spoils(points, faces, starts, around, a, b, place, longest):
-            continue
-        if _spoils(points, faces, starts, around, b, a, place, longest):
+        fans = points, faces, starts, around
+        if _spoils(fans, a, b, place, longest) or _spoils(fans, b, a, place, longest):
             continue
         for vertex in (a, b):
             for i in range(starts[vertex], starts[vertex + 1]):
@@ -297,16 +296,10 @@ def _collapse(
 
 @kernel
 def _spoils(
-    points: Points,
-    faces: Faces,
-    starts: Integers,
-    around: Integers,
-    vertex: int,
-    other: int,
-    place: Vector,
-    longest: float,
+    fans: tuple[Points, Faces, Integers, Integers], vertex: int, other: int, place: Vector, longest: float
 ) -> bool:
     """Whether a face of `vertex` that stays would turn too far, vanish or outgrow `longest` with it at `place`."""
+    points, faces, starts, around = fans
     x, y, z = points[vertex, 0], points[vertex, 1], points[vertex, 2]
     for i in range(starts[vertex], starts[vertex + 1]):
         f = around[i]

@@ -150,41 +150,29 @@ def _enter_level(
     normals: Directions,
 ) -> None:
     """Offsets (P,) along the directions, left as they are where no level is entered, and normals (P, 3)."""
-    for p in range(begin, end):
-        _enter(p, points, directions, neighbors, gaussians, offsets, normals)
-
-
-@kernel
-def _enter(
-    p: int,
-    points: Points,
-    directions: Directions,
-    neighbors: Integers,
-    gaussians: DensityGaussians,
-    offsets: Floats,
-    normals: Directions,
-) -> None:
     rotations, scales = gaussians.rotations, gaussians.scales
-    dx, dy, dz = directions[p, 0], directions[p, 1], directions[p, 2]
-    n = neighbors[p, 0]
-    variance = 0.0
-    for axis in range(3):
-        turned = rotations[n, 0, axis] * dx + rotations[n, 1, axis] * dy + rotations[n, 2, axis] * dz
-        variance += (turned * scales[n, axis]) ** 2
-    reach = SEARCH_SIGMAS * math.sqrt(variance)
-    before = math.inf
-    for step in range(STEPS):
-        t = reach * (2.0 * step / (STEPS - 1) - 1.0)
-        x, y, z = points[p, 0] + t * dx, points[p, 1] + t * dy, points[p, 2] + t * dz
-        density, gx, gy, gz = _density(x, y, z, p, neighbors, gaussians)
-        if before < DENSITY_LEVEL <= density:
-            t -= 2.0 * reach / (STEPS - 1) * (density - DENSITY_LEVEL) / (density - before)
+    for p in range(begin, end):
+        dx, dy, dz = directions[p, 0], directions[p, 1], directions[p, 2]
+        n = neighbors[p, 0]
+        variance = 0.0
+        for axis in range(3):
+            turned = rotations[n, 0, axis] * dx + rotations[n, 1, axis] * dy + rotations[n, 2, axis] * dz
+            variance += (turned * scales[n, axis]) ** 2
+        reach = SEARCH_SIGMAS * math.sqrt(variance)
+        before = math.inf
+        for step in range(STEPS):
+            t = reach * (2.0 * step / (STEPS - 1) - 1.0)
             x, y, z = points[p, 0] + t * dx, points[p, 1] + t * dy, points[p, 2] + t * dz
-            _, gx, gy, gz = _density(x, y, z, p, neighbors, gaussians)
-            norm = math.sqrt(gx * gx + gy * gy + gz * gz)
-            if norm > 0.0:
-                offsets[p] = t
-                side = 1.0 if gx * dx + gy * dy + gz * dz >= 0.0 else -1.0
-                normals[p, 0], normals[p, 1], normals[p, 2] = -side * gx / norm, -side * gy / norm, -side * gz / norm
-            return
-        before = density
+            density, gx, gy, gz = _density(x, y, z, p, neighbors, gaussians)
+            if before < DENSITY_LEVEL <= density:
+                t -= 2.0 * reach / (STEPS - 1) * (density - DENSITY_LEVEL) / (density - before)
+                x, y, z = points[p, 0] + t * dx, points[p, 1] + t * dy, points[p, 2] + t * dz
+                _, gx, gy, gz = _density(x, y, z, p, neighbors, gaussians)
+                norm = math.sqrt(gx * gx + gy * gy + gz * gz)
+                if norm > 0.0:
+                    offsets[p] = t
+                    side = 1.0 if gx * dx + gy * dy + gz * dz >= 0.0 else -1.0
+                    nx, ny, nz = -side * gx / norm, -side * gy / norm, -side * gz / norm
+                    normals[p, 0], normals[p, 1], normals[p, 2] = nx, ny, nz
+                break
+            before = density
