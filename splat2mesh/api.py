@@ -19,11 +19,8 @@ from .splats.formats.parts import METAS
 
 @dataclass(frozen=True, eq=False)
 class MeshedFiles:
-    """The results of `mesh_files`.
-
-    output : folder or URL. scene : Scene, None for a city in tiles. report : JSON-clean dict of counts, seconds and
-    memory.
-    """
+    """The results of `mesh_files`. output : folder or URL. scene : Scene, None for a city in tiles. report : JSON-clean
+    dict of counts, seconds and memory."""
 
     output: str
     scene: Scene | None
@@ -136,10 +133,8 @@ def mesh_files(
 
 
 def default_folder(path: str | os.PathLike[str]) -> str:
-    """Return the default scene folder of a splat: the input's name, in the current folder.
-
-    It never equals the input. Raises InputError for a file that does not exist.
-    """
+    """Return the default scene folder of a splat: the input's name, in the current folder. It never equals the input.
+    Raises InputError for a file that does not exist."""
     source = Path(path)
     if not is_url(path) and not source.exists():
         raise InputError(f"{source}: no such file")

@@ -57,10 +57,8 @@ class Capture:
 
 
 def capture_of(path: str | os.PathLike[str], asked: ConvertOptions, stages: Stages) -> Capture:
-    """Read a splat and find out how it was captured.
-
-    path: splat file, folder of tiles, or streamed SOG. Raises InputError for input that cannot be used.
-    """
+    """Read a splat and find out how it was captured. path: splat file, folder of tiles, or streamed SOG. Raises
+    InputError for input that cannot be used."""
     with stages.stage("read"):
         loaded = read_splats(path, asked.lod)
         splats, dropped = clean(loaded)

@@ -3,7 +3,6 @@
 import os
 import warnings
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,12 +21,13 @@ from .splats.splats import MIN_SPLATS, Splats
 from .surface.background import far_background
 from .views.cameras import KINDS as CAMERA_KINDS
 from .views.cameras import read_cameras
-from .views.colmap import is_colmap
+from .views.colmap import colmap_models, is_colmap
 from .views.located import located_views
 from .views.upright import upright
+from .views.viewpoints import thinned
 
 LOOKED_AT = 200_000
-"""Splats from which up and the kind of the capture are found; of more an even share, widened to cover as much."""
+"""Splats from which up and the kind of the capture are found; of more a sample, widened to cover as much."""
 
 HOLDS = {"outside": "an object", "inside": "a room", "both": "a place in the open"}
 
@@ -64,15 +64,14 @@ def _holds_cameras(folder: Path) -> bool:
         parts_of(folder)
         return False
     except InputError:
-        places = (folder, folder / "0", folder / "sparse" / "0", folder / "sparse", folder / "colmap" / "sparse" / "0")
         files = ("transforms.json", "cameras.json")
-        return any(map(is_colmap, places)) or any((folder / name).is_file() for name in files)
+        return bool(colmap_models(folder)) or any((folder / name).is_file() for name in files)
 
 
 def _is_layout_of_splats(path: Path) -> bool:
     try:
         content = read_json(path)
-    except ValueError:  # an InputError is one
+    except InputError:
         return True
     return isinstance(content, dict) and "frames" not in content
 
@@ -115,7 +114,7 @@ def _capture(path: Path, asked: ConvertOptions, kept: Splats) -> dict[str, Any]:
     except InputError as error:
         warnings.warn(str(error), DataWarning, stacklevel=2)
         views = []
-    some = _fewer(kept)
+    some = thinned(kept, np.random.default_rng(0), LOOKED_AT)
     rotation, up_from = upright(asked.up, views, some, lambda: is_place(some))
     far = far_background(some)
     standing = standing_of(some.take(np.flatnonzero(~far)), some, asked, rotation[1, :3])
@@ -126,15 +125,6 @@ def _capture(path: Path, asked: ConvertOptions, kept: Splats) -> dict[str, Any]:
         "holds": HOLDS[standing.kind],
         "far_background": round(float(far.mean()), 4),
     }
-
-
-def _fewer(splats: Splats) -> Splats:
-    """An even share of many splats, widened so that they cover the same area."""
-    step = -(-len(splats) // LOOKED_AT)
-    if step == 1:
-        return splats
-    sketch = splats.take(slice(None, None, step))
-    return replace(sketch, scales=sketch.scales * np.float32(np.sqrt(step)))
 
 
 def _cameras(path: Path, asked: ConvertOptions) -> dict[str, Any]:

@@ -21,11 +21,12 @@ import numpy as np
 import scipy
 
 from .base.arrays import Matrix3, Matrix4
+from .base.choices import DEFAULT_VERTICES
 from .base.errors import DataWarning, InputError
 from .base.inputs import read_json, reading
 from .base.progress import Stages
 from .options import LEAST_VERTICES, ConvertOptions
-from .pipeline import DEFAULT_VERTICES, converted, planned
+from .pipeline import converted, planned
 from .proxy import add_proxy, check_proxy
 from .scene.mesh import Mesh
 from .scene.scene import Scene
@@ -66,7 +67,7 @@ def is_layout(path: str | os.PathLike[str]) -> bool:
         return False
     try:
         content = read_json(path)
-    except ValueError:  # an InputError is one
+    except InputError:
         return True
     return not (isinstance(content, dict) and ("means" in content or "lodLevels" in content))
 
@@ -142,14 +143,7 @@ def read_layout(path: str | os.PathLike[str]) -> list[Placement]:
     `cameras` and `lod` as on the command line. Raises InputError for anything else.
     """
     path = Path(path)
-    try:
-        content = read_json(path, object_pairs_hook=lambda pairs: _once(path, pairs))
-    except InputError:
-        raise
-    except OSError as error:
-        raise InputError(f"cannot read {path}: {error.strerror or error}") from error
-    except ValueError as error:
-        raise InputError(f"{path}: not valid JSON ({error})") from error
+    content = read_json(path, object_pairs_hook=lambda pairs: _once(path, pairs))
     entries = content.get("objects") if isinstance(content, dict) else None
     if not isinstance(entries, list) or not entries:
         raise InputError(

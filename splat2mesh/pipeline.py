@@ -9,6 +9,7 @@ import numpy as np
 
 from .base import ahead
 from .base.arrays import Matrix4, Vector
+from .base.choices import DEFAULT_VERTICES
 from .base.errors import DataWarning, InputError
 from .base.progress import Stages
 from .capture import Capture, capture_of
@@ -30,14 +31,13 @@ from .surface.foliage import leaves_apart
 from .surface.measure import measured_of
 from .surface.place import parted, place_look, reconstruct_place
 from .surface.solid import reconstruct_object
+from .texture.glb import mesh_glb
+from .texture.texture import texture_of
 from .views.cameras import spread_out
 from .views.eyes import around
 from .views.picture import mesh_depth, place_view
 from .views.standpoints import ROOM_SHARE, Standpoints
 from .views.viewpoints import bounds_of, near_plane, picture_view, virtual_views
-
-DEFAULT_VERTICES = 50_000
-"""Views of an object. A place gets as many as it needs."""
 
 GROUND_VERTICES = 200_000
 """At most, of an object that was captured with the ground around it, where colours ask for more."""
@@ -96,7 +96,7 @@ def _looks_of(capture: Capture, asked: ConvertOptions, stages: Stages) -> list[L
         if capture.trained:
             views = [view.resized(effort.pixels) for view in spread_out(capture.trained, effort.views)]
         else:
-            views = virtual_views(shown, effort.views, effort.pixels, up, asked.seed, tell=True)
+            views = virtual_views(shown, effort.views, effort.pixels, up, asked.seed)
     looks = [Look.around(shown, pixel, views)]
     if capture.far.any() and asked.background == "keep":
         behind = capture.splats.take(np.flatnonzero(capture.far))
@@ -141,7 +141,7 @@ def _picture_view(capture: Capture, asked: ConvertOptions, mesh: Mesh, shown: Sp
     """The view of a scene's picture. shown: the foreground, dilated."""
     up, standing = capture.rotation[1, :3], capture.standing
     if standing.kind == "outside":
-        return picture_view(shown, up, within=asked.surface != "field")
+        return picture_view(shown, up)
     depth_in = mesh_depth(mesh.vertices, mesh.faces)
     return place_view(mesh.vertices, depth_in, standing.eyes, spread_out(capture.trained, PICTURED), up)
 
@@ -209,13 +209,8 @@ def _settings(capture: Capture, asked: ConvertOptions) -> dict[str, Any]:
 
 
 def add_texture(scene: Scene, looks: list[Look], size: int | str, stages: Stages) -> None:
-    """Give a Scene that was not saved yet its texture, which `save` writes as mesh.glb.
-
-    looks: what shows it. size: side in texels, or "auto". Raises InputError.
-    """
-    from .texture.glb import mesh_glb
-    from .texture.texture import texture_of
-
+    """Give a Scene that was not saved yet its texture, which `save` writes as mesh.glb. looks: what shows it. size:
+    side in texels, or "auto". Raises InputError."""
     surfaces = Drawn.surfaces(scene).scene
     made = texture_of(surfaces, looks, None if size == "auto" else int(size), stages)
     with stages.stage("texture file"):
@@ -247,9 +242,7 @@ def _described(standing: Standpoints, rotation: Matrix4) -> dict[str, Any]:
 
 def preview_camera(view: View, middle: Vector, rotation: Matrix4) -> dict[str, Any]:
     """Return the camera of the scene's pictures, as scene.json keeps it: eye, target, up in its frame and fov_deg.
-
-    view: View in the splat's frame. middle: (3,) of what it shows; the target lies as far away.
-    """
+    view: View in the splat's frame. middle: (3,) of what it shows; the target lies as far away."""
     turn, distance = rotation[:3, :3], np.linalg.norm(view.center - middle)
     return {
         "eye": (turn @ view.center).tolist(),

@@ -8,6 +8,8 @@ from .base.errors import InputError
 from .base.extras import needed
 from .scene.glb import Glb
 from .scene.scene import Scene
+from .surface.convex import convex_parts
+from .surface.wrap import closed_around
 
 NODES = {"closed": "-colonly", "convex": "-convcolonly"}
 """Kind -> what Godot's importer makes a body for collisions of, by the end of a node's name."""
@@ -26,21 +28,15 @@ def check_proxy(kind: str | None) -> None:
 
 
 def add_proxy(scene: Scene, kind: str, seed: int = 0) -> None:
-    """Add a proxy to a Scene that is not saved yet; `save` writes it as proxy.glb, in the scene frame.
-
-    kind: "closed" or "convex". Far background takes no part. Raises InputError.
-    """
+    """Add a proxy to a Scene that is not saved yet; `save` writes it as proxy.glb, in the scene frame. kind: "closed"
+    or "convex". Far background takes no part. Raises InputError."""
     check_proxy(kind)
     eyes = scene.capture.get("eyes")
     bodies: list[tuple[NDArray[Any], NDArray[Any]]]
     if kind == "closed":
-        from .surface.wrap import closed_around
-
         vertices, triangles, voxel = closed_around(scene.vertices, scene.faces, eyes)
         bodies = [(vertices, triangles)]
     else:
-        from .surface.convex import convex_parts
-
         bodies, voxel = convex_parts(scene.vertices, scene.faces, eyes, seed=seed)
     scene.proxy = bodies_glb(bodies, NODES[kind])
     faces = sum(len(face) for _, face in bodies)

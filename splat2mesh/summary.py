@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from .pipeline import DEFAULT_VERTICES
+from .base.choices import DEFAULT_VERTICES
 from .scene.folder import PICTURE, PROXY, TEXTURED
 from .scene.scene import Scene
 

@@ -44,8 +44,6 @@ def read_json_lamps(path: str | os.PathLike[str]) -> list[AskedLamp]:
         content = read_json(path, object_pairs_hook=_once)
     except InputError as error:
         raise InputError(str(error) if str(path) in str(error) else f"{path}: {error}") from None
-    except ValueError as error:
-        raise InputError(f"{path}: not readable JSON ({clip(error)})") from None
     if isinstance(content, dict):
         others = [name for name in content if name not in ("lamps", "about")]
         if others and "lamps" in content:

@@ -87,12 +87,7 @@ class CapturedLights:
 
 def read_lights(path: str | os.PathLike[str]) -> CapturedLights:
     """Read a `captured_light.json`. Raises InputError for what is missing, damaged or of a newer version."""
-    try:
-        content = read_json(path)
-    except InputError:
-        raise
-    except ValueError as error:
-        raise InputError(f"{path}: not readable JSON ({str(error)[:80]}); estimate the light again") from None
+    content = read_json(path)
     if not isinstance(content, dict) or not isinstance(content.get("candidates"), list):
         raise InputError(f'{path}: expected {{"schema_version": 1, "chosen": ..., "candidates": [...]}}')
     version = content.get("schema_version")

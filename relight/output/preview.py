@@ -147,7 +147,8 @@ def default_camera(scene: "Scene", aspect: float = 4 / 3) -> dict:
     """
     azimuth, elevation = np.radians([_AZIMUTH_DEG, _ELEVATION_DEG])
     backward = [np.sin(azimuth) * np.cos(elevation), np.sin(elevation), np.cos(azimuth) * np.cos(elevation)]
-    view = View.holding(scene.vertices, backward, [0.0, 1.0, 0.0], _FIELD_OF_VIEW_DEG, 1200, round(1200 / aspect))
+    way = View.look_at(backward, np.zeros(3), [0.0, 1.0, 0.0], _FIELD_OF_VIEW_DEG, 1200, round(1200 / aspect))
+    view = way.holding(scene.vertices)
     return {
         "eye": view.center.tolist(),
         "target": (view.center + view.forward * scene.diagonal).tolist(),

@@ -1,13 +1,19 @@
 """Speed of the rasteriser: views a second on a splat file or a generated surface, against its NumPy twin."""
 
+import sys
+from pathlib import Path
+
 import numpy as np
 
 from benchmarks.harness import medians, timed
 from splat2mesh.render.rasterize import rasterize
-from splat2mesh.render.rasterize_reference import rasterize_reference
 from splat2mesh.render.view import View
 from splat2mesh.splats.formats import read_splats
 from splat2mesh.splats.splats import Splats
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "tests/support"))
+
+from rasterize_reference import rasterize_reference
 
 VIEWS = 8
 SMALL_SPLATS, SMALL_SIZE = 500, 64

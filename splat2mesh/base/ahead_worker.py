@@ -44,10 +44,8 @@ def main() -> None:
 
 
 def compile_ahead(kernels: list[Listed], locks: KernelLocks) -> None:
-    """Compile kernels in order into Numba's cache, except those that exist or that another process compiles.
-
-    A kernel that does not compile is skipped; no list should name one.
-    """
+    """Compile kernels in order into Numba's cache, except those that exist or that another process compiles. A kernel
+    that does not compile is skipped; no list should name one."""
     for kernel in kernels:
         try:
             compile_one(dispatcher_of(kernel.module, kernel.name), kernel, locks)

@@ -26,6 +26,9 @@ PROXY_CHOICES = ("closed", "convex")
 FOLIAGE_CHOICES = ("mesh", "cards", "none")
 """Leaves and grass in the mesh: faces like all else, small quads in their place, or left out."""
 
+DEFAULT_VERTICES = 50_000
+"""Vertices of an object. A place gets as many as it needs, but no fewer."""
+
 DEFAULT_MAX_VERTICES = 40_000
 """Vertices per chunk: the limit of the Neural-GASh paper."""
 

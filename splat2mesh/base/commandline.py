@@ -55,10 +55,8 @@ class Parser(argparse.ArgumentParser):
 
 
 def joined(arguments: Sequence[str], signed: Iterable[str], words: Iterable[str] = ()) -> list[str]:
-    """Arguments in which a value that begins with a minus is joined to its signed option: --up -y -> --up=-y.
-
-    words: options of several words; the first gets a space before it, which distinguishes it from an option.
-    """
+    """Arguments in which a value that begins with a minus is joined to its signed option: --up -y -> --up=-y. words:
+    options of several words; the first gets a space before it, which distinguishes it from an option."""
     result: list[str] = []
     names, several = set(signed), set(words)
     for argument in arguments:

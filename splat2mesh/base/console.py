@@ -31,10 +31,8 @@ _owns_process = False  # whether this process runs a command, not a program that
 
 @dataclass(frozen=True)
 class Display:
-    """The output of a command.
-
-    json : one JSON object on stdout. quiet : neither progress nor summary. verbose : times of stages, tracebacks.
-    """
+    """The output of a command. json : one JSON object on stdout. quiet : neither progress nor summary. verbose : times
+    of stages, tracebacks."""
 
     json: bool = False
     quiet: bool = False
@@ -56,11 +54,8 @@ def run(
     display: Display | None = None,
     names: Mapping[str, str] | None = None,
 ) -> int:
-    """Run a command and return the process's exit code.
-
-    command: returns (summary lines, result that can be JSON). The result goes to stdout, everything else to stderr.
-    names: setting -> option, as messages show them: `up` as --up.
-    """
+    """Run a command and return the process's exit code. command: returns (summary lines, result that can be JSON). The
+    result goes to stdout, everything else to stderr. names: setting -> option, as messages show them: `up` as --up."""
     global _owns_process
     _owns_process = True
     display, names = display or Display(), names or {}
@@ -104,11 +99,8 @@ def run(
 
 
 def open_streams() -> None:
-    """Open /dev/null for standard streams that the parent closed (`>&-`).
-
-    Otherwise printing fails, and the next opened file takes the number of a stream, so prints of native libraries and
-    child processes would go into it.
-    """
+    """Open /dev/null for standard streams that the parent closed (`>&-`). Otherwise printing fails, and the next opened
+    file takes the number of a stream, so prints of native libraries and child processes would go into it."""
     for number, name, mode in ((0, "stdin", "r"), (1, "stdout", "w"), (2, "stderr", "w")):
         if getattr(sys, name) is not None:  # Python sets None for what was closed as it started
             continue
@@ -130,10 +122,8 @@ def owns_process() -> bool:
 
 @contextmanager
 def quiet_libraries() -> Iterator[None]:
-    """Within a command, keep the output of native libraries off stderr; elsewhere stderr is the host's.
-
-    They print to the file descriptor, which all threads of a process share: so only a process that is a command's.
-    """
+    """Within a command, keep the output of native libraries off stderr; elsewhere stderr is the host's. They print to
+    the file descriptor, which all threads of a process share: so only a process that is a command's."""
     if not _owns_process:
         yield
         return
@@ -175,17 +165,13 @@ def printable(text: str) -> str:
     Names and comments of files are untrusted, and an escape sequence can retitle a window or hide a line. Bytes of a
     name that are no text, which no stream could encode, are escaped too.
     """
-    whole = "".join(letter if _is_plain(letter) else _spelled(letter) for letter in text)
+    whole = "".join(letter if _is_plain(letter) else letter.encode("unicode_escape").decode() for letter in text)
     encoding = getattr(sys.stdout, "encoding", None) or "utf-8"
     return whole.encode(encoding, "backslashreplace").decode(encoding)
 
 
 def _is_plain(letter: str) -> bool:
     return letter.isprintable() or unicodedata.category(letter) == "Zs" or letter in _JOINERS
-
-
-def _spelled(letter: str) -> str:
-    return letter.encode("unicode_escape").decode("ascii")
 
 
 def _failed(error: Exception) -> str:

@@ -12,17 +12,13 @@ _SETTING = re.compile(r"`(\w+)`")
 
 
 class InputError(ValueError):
-    """Input that cannot be used. The message says what was expected, what was found and the next step.
-
-    The command line prints it as one line and exits with code 2.
-    """
+    """Input that cannot be used. The message says what was expected, what was found and the next step. The command line
+    prints it as one line and exits with code 2."""
 
 
 class UnfinishedError(Exception):
-    """Work that failed in part, where the rest is done and kept. The message names the parts and how to go on.
-
-    The command line prints it as one line and exits with code 1.
-    """
+    """Work that failed in part, where the rest is done and kept. The message names the parts and how to go on. The
+    command line prints it as one line and exits with code 1."""
 
 
 class DataWarning(UserWarning):
@@ -30,8 +26,6 @@ class DataWarning(UserWarning):
 
 
 def with_options(message: str, options: Mapping[str, str]) -> str:
-    """A message in which settings that have an option are written as that option.
-
-    options: setting -> option, such as {"budget_s": "--budget"}. Other words in backquotes stay as they are.
-    """
+    """A message in which settings that have an option are written as that option. options: setting -> option, such as
+    {"budget_s": "--budget"}. Other words in backquotes stay as they are."""
     return _SETTING.sub(lambda match: options.get(match[1], match[0]), message)

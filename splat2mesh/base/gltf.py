@@ -13,15 +13,19 @@ from typing import Any
 from urllib.parse import unquote
 
 import numpy as np
+import pygltflib as codes
 from numpy.typing import NDArray
 
 from .errors import DataWarning, InputError
-from .inputs import file_size, inside, loads, reading
+from .inputs import FREE, file_size, inside, loads, reading
 
-COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+COMPONENTS = {
+    **{codes.BYTE: "<i1", codes.UNSIGNED_BYTE: "<u1", codes.SHORT: "<i2", codes.UNSIGNED_SHORT: "<u2"},
+    **{codes.UNSIGNED_INT: "<u4", codes.FLOAT: "<f4"},
+}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 
-MODES = TRIANGLES, STRIP, FAN = 4, 5, 6
+MODES = TRIANGLES, STRIP, FAN = codes.TRIANGLES, codes.TRIANGLE_STRIP, codes.TRIANGLE_FAN
 
 UNREADABLE = "KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression"
 """Extensions that pack the arrays themselves."""
@@ -43,7 +47,7 @@ MOST_NODES = 100_000
 FREE_CORNERS = 30_000_000
 """Corners of faces that any file may have, with all that nodes repeat: they take about 2 GB."""
 
-_JSON, _BIN = 0x4E4F534A, 0x004E4942
+_JSON, _BIN = (int.from_bytes(kind, "little") for kind in (b"JSON", b"BIN\0"))
 
 
 class Record(dict):
@@ -56,10 +60,7 @@ class Record(dict):
 
 
 class GltfData:
-    """A .glb or .gltf with its buffers in memory.
-
-    document: its JSON, as Records. size: bytes of the file.
-    """
+    """A .glb or .gltf with its buffers in memory. document: its JSON, as Records. size: bytes of the file."""
 
     def __init__(self, path: str | Path, meshless: bool = False) -> None:
         """meshless: it may hold no meshes. Raises InputError for a file that is missing, broken, or packed."""
@@ -111,15 +112,12 @@ class GltfData:
         return loads(chunks[0][1], object_hook=Record), blob
 
     def array(self, index: int, what: str) -> NDArray:
-        """Read an accessor.
-
-        what: what it is of, for messages. Returns (N,) or (N, width): as stored or, where it is normalised, float32 in
-        [-1, 1]. Raises InputError where it does not fit its buffer.
-        """
+        """Read an accessor. what: what it is of, for messages. Returns (N,) or (N, width): as stored or, where it is
+        normalised, float32 in [-1, 1]. Raises InputError where it does not fit its buffer."""
         try:
             accessor = entry(self.document.accessors, index)
             dtype, width = np.dtype(COMPONENTS[accessor.componentType]), WIDTHS[accessor.type]
-            if not isinstance(accessor.count, int) or not 0 <= accessor.count <= max(self.size, 1 << 20) * 4:
+            if not isinstance(accessor.count, int) or not 0 <= accessor.count <= max(self.size, FREE) * 4:
                 raise ValueError(f"it announces {accessor.count} items")
             if accessor.bufferView is None:
                 if accessor.sparse is None:
@@ -136,11 +134,8 @@ class GltfData:
         return values[:, 0] if width == 1 else values
 
     def vectors(self, index: Any, count: int, width: int, what: str) -> NDArray:
-        """Read an accessor of vectors.
-
-        count, width: the shape that it must have. what: what it is of, for messages. Returns (count, width) float32.
-        Raises InputError for another shape, and unless it is finite.
-        """
+        """Read an accessor of vectors. count, width: the shape that it must have. what: what it is of, for messages.
+        Returns (count, width) float32. Raises InputError for another shape, and unless it is finite."""
         values = self.array(index, what)
         if values.shape != (count, width):
             raise InputError(f"{self.path}: {what} must have shape ({count}, {width}), found {values.shape}")
@@ -189,11 +184,8 @@ class GltfData:
         return file.read_bytes()
 
     def encoded(self, image: Any) -> bytes:
-        """Return the bytes of a picture, packed as in its file.
-
-        image: an entry of `document.images`, or what names a `bufferView` alone. Raises InputError where its file is
-        missing.
-        """
+        """Return the bytes of a picture, packed as in its file. image: an entry of `document.images`, or what names a
+        `bufferView` alone. Raises InputError where its file is missing."""
         if image.uri is None:
             length = entry(self.document.bufferViews, image.bufferView).byteLength
             return self._view(image.bufferView, 0, np.dtype("u1"), length, 1).tobytes()
@@ -201,10 +193,8 @@ class GltfData:
 
 
 def triangles(indices: NDArray, mode: int) -> NDArray[np.int32]:
-    """Return the triangles of a list, a strip or a fan.
-
-    indices: (N,) integers. mode: one of `MODES`. Returns (F, 3) int32.
-    """
+    """Return the triangles of a list, a strip or a fan. indices: (N,) integers. mode: one of `MODES`. Returns (F, 3)
+    int32."""
     if mode == TRIANGLES:
         faces = indices[: len(indices) // 3 * 3].reshape(-1, 3)
     elif len(indices) < 3:
@@ -218,10 +208,8 @@ def triangles(indices: NDArray, mode: int) -> NDArray[np.int32]:
 
 
 def entry(entries: Any, index: Any) -> Any:
-    """Return one of a list, by a number that a file gives: a negative one would count from the end.
-
-    Raises IndexError for what is no number of one that is there.
-    """
+    """Return one of a list, by a number that a file gives: a negative one would count from the end. Raises IndexError
+    for what is no number of one that is there."""
     if not isinstance(index, int) or isinstance(index, bool) or not 0 <= index < len(entries):
         raise IndexError(f"it names entry {index} of {len(entries)}")
     return entries[index]
@@ -236,9 +224,6 @@ def _inline(uri: str) -> bytes:
 
 
 def warn_skipped(path: str | Path, count: int, what: str) -> None:
-    """Give one DataWarning for parts of a file that are left out.
-
-    count: 0 gives none. what: what they are.
-    """
+    """Give one DataWarning for parts of a file that are left out. count: 0 gives none. what: what they are."""
     if count:
         warnings.warn(f"{path}: skipped {count} {what}", DataWarning, stacklevel=3)

@@ -13,21 +13,16 @@ _INSTANCE = {"TRANSLATION": (0.0, 0.0, 0.0), "ROTATION": (0.0, 0.0, 0.0, 1.0), "
 
 
 def shown_nodes(data: GltfData) -> Iterator[tuple[int, Any, NDArray]]:
-    """Go through the nodes of the shown scene, parents first.
-
-    Yields index; node; world-from-node matrix, (4, 4) float64, before any animation. Raises InputError where nodes do
-    not form trees.
-    """
+    """Go through the nodes of the shown scene, parents first. Yields index; node; world-from-node matrix, (4, 4)
+    float64, before any animation. Raises InputError where nodes do not form trees."""
     order, parent, shown = hierarchy(data)
     matrices = global_matrices(initial_transforms(data), order, parent)
     yield from ((index, data.document.nodes[index], matrices[index]) for index in order if shown[index])
 
 
 def initial_transforms(data: GltfData) -> list[dict]:
-    """Find the transform of every node before any animation.
-
-    Returns translation, rotation (x y z w) and scale, or matrix.
-    """
+    """Find the transform of every node before any animation. Returns translation, rotation (x y z w) and scale, or
+    matrix."""
     transforms = []
     for node in data.document.nodes or []:
         if node.matrix is not None and node.translation is None and node.rotation is None and node.scale is None:
@@ -67,11 +62,8 @@ def instances(data: GltfData, index: int) -> NDArray:
 
 
 def hierarchy(data: GltfData) -> tuple[list[int], NDArray, NDArray]:
-    """Find the hierarchy of nodes.
-
-    Returns order: all nodes, parents first; parent: integers, of every node, -1 without one; shown: bool, whether each
-    is in the shown scene. Raises InputError where they do not form trees.
-    """
+    """Find the hierarchy of nodes. Returns order: all nodes, parents first; parent: integers, of every node, -1 without
+    one; shown: bool, whether each is in the shown scene. Raises InputError where they do not form trees."""
     nodes = data.document.nodes or []
     parent = np.full(len(nodes), -1)
     for index, node in enumerate(nodes):
@@ -94,11 +86,8 @@ def hierarchy(data: GltfData) -> tuple[list[int], NDArray, NDArray]:
 
 
 def global_matrices(transforms: list[dict], order: list[int], parent: NDArray) -> NDArray:
-    """Return the world-from-node matrices, also of joints outside the shown scene.
-
-    transforms: as `initial_transforms` returns them. order: parents first. parent: (nodes,) integers. Returns (nodes,
-    4, 4) float64.
-    """
+    """Return the world-from-node matrices, also of joints outside the shown scene. transforms: as `initial_transforms`
+    returns them. order: parents first. parent: (nodes,) integers. Returns (nodes, 4, 4) float64."""
     result = np.zeros((len(transforms), 4, 4))
     for index in order:
         own = transforms[index]
@@ -108,10 +97,8 @@ def global_matrices(transforms: list[dict], order: list[int], parent: NDArray) -
 
 
 def matrix_from_trs(translation: NDArray, quat_xyzw: NDArray, scale: NDArray) -> NDArray:
-    """Return the matrix that scales, then rotates, then moves.
-
-    translation: (3,). quat_xyzw: (4,), of any length. scale: (3,). Returns (4, 4) float64.
-    """
+    """Return the matrix that scales, then rotates, then moves. translation: (3,). quat_xyzw: (4,), of any length.
+    scale: (3,). Returns (4, 4) float64."""
     x, y, z, w = np.asarray(quat_xyzw, np.float64) / max(float(np.linalg.norm(quat_xyzw)), 1e-300)
     # fmt: off
     rotation = np.array([

@@ -21,6 +21,9 @@ from .errors import InputError
 LARGEST_TEXT = 64 << 20
 """Bytes of a JSON file, or a library of materials: the largest known, the tree of a streamed SOG, has 3 MB."""
 
+FREE = 1 << 20
+"""Bytes, or pixels, that any part of a file may take, however small the rest is."""
+
 FREE_SPLATS = 1_000_000
 """Splats that any file may declare: they take a few hundred megabytes."""
 
@@ -59,14 +62,19 @@ def check_special(path: str | os.PathLike[str]) -> None:
 
 
 def read_json(path: str | os.PathLike[str], **how: Any) -> Any:
-    """The content of a JSON file of at most LARGEST_TEXT bytes; `how` goes to json.loads.
-
-    Raises InputError for anything but a regular file and for one too large, ValueError for invalid JSON.
-    """
+    """The content of a JSON file of at most LARGEST_TEXT bytes; `how` goes to json.loads. Raises InputError for
+    anything but a regular file, for one too large and for invalid JSON."""
     size = file_size(path, "JSON file")
     if size > LARGEST_TEXT:
         raise InputError(f"{path} takes {size >> 20} MB, expected at most {LARGEST_TEXT >> 20} of JSON")
-    return loads(Path(path).read_bytes(), **how)
+    try:
+        return loads(Path(path).read_bytes(), **how)
+    except InputError:  # of a hook
+        raise
+    except OSError as error:
+        raise InputError(f"cannot read {path}: {error.strerror or error}") from error
+    except ValueError as error:
+        raise InputError(f"{path}: not valid JSON ({error})") from error
 
 
 def loads(text: str | bytes, **how: Any) -> Any:
@@ -79,10 +87,7 @@ def loads(text: str | bytes, **how: Any) -> Any:
 
 def load_array(path: str | os.PathLike[str]) -> Any:
     """The array of a .npy file. Raises InputError for anything but a regular file, ValueError for one without a plain
-    array.
-
-    The header is checked against the size of the file first, and nothing is unpickled.
-    """
+    array. The header is checked against the size of the file first, and nothing is unpickled."""
     import numpy as np
 
     size = file_size(path, ".npy file")

@@ -25,10 +25,8 @@ _last = float("-inf")
 
 @contextmanager
 def stopping_in_order() -> Iterator[None]:
-    """Within it, SIGINT, SIGTERM and SIGHUP raise Interrupted in the main thread. For a process that is a command's.
-
-    A signal that the process was started to ignore, as under nohup, stays ignored. In another thread nothing changes.
-    """
+    """Within it, SIGINT, SIGTERM and SIGHUP raise Interrupted in the main thread. For a process that is a command's. A
+    signal that the process was started to ignore, as under nohup, stays ignored. In another thread nothing changes."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -45,10 +43,8 @@ def stopping_in_order() -> Iterator[None]:
 
 @contextmanager
 def shielded() -> Iterator[None]:
-    """Within it, signals wait; one that arrived is raised when it ends. Keep it short: clean-up, a rename.
-
-    Where the library is used without a command, Ctrl-C is deferred in the main thread only.
-    """
+    """Within it, signals wait; one that arrived is raised when it ends. Keep it short: clean-up, a rename. Where the
+    library is used without a command, Ctrl-C is deferred in the main thread only."""
     global _shields
     main = threading.current_thread() is threading.main_thread()
     foreign = None

@@ -27,10 +27,7 @@ class Busy(Exception):
 
 
 def workspace_of(path: Path) -> Path:
-    """Return the temporary path of an output: beside it, so a rename is one step.
-
-    path: of the output.
-    """
+    """Return the temporary path of an output: beside it, so a rename is one step. path: of the output."""
     stem = path.name
     if len(os.fsencode(stem)) > LONGEST_NAME - len(f".{SUFFIX}"):
         stem = hashlib.sha256(os.fsencode(stem)).hexdigest()[:32]
@@ -68,10 +65,8 @@ def claim(workspace: Path) -> int:
 
 
 def release(workspace: Path, lock: int) -> None:
-    """Remove the folder, its content and its lock. A previous output that could not be restored stays in it.
-
-    lock: as `claim` returned it.
-    """
+    """Remove the folder, its content and its lock. A previous output that could not be restored stays in it. lock: as
+    `claim` returned it."""
     try:
         if not os.path.lexists(workspace / OLD) or _settled(workspace):
             with suppress(OSError):
@@ -82,10 +77,8 @@ def release(workspace: Path, lock: int) -> None:
 
 
 def sweep(folder: Path) -> None:
-    """Restore or remove what killed runs left in a folder, except folders that other runs hold.
-
-    Warns with a DataWarning: one for each.
-    """
+    """Restore or remove what killed runs left in a folder, except folders that other runs hold. Warns with a
+    DataWarning: one for each."""
     try:
         with os.scandir(folder) as entries:
             found = [entry.name for entry in entries if entry.name[0] == "." and entry.name.endswith(SUFFIX)]

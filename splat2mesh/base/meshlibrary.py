@@ -21,11 +21,8 @@ class _Absent(ModuleType):
 
 
 def open3d() -> ModuleType:
-    """Import open3d.
-
-    A command never shows a page, so its process does not import the packages that draw pages. Neither does a
-    library process if they are not installed.
-    """
+    """Import open3d. A command never shows a page, so its process does not import the packages that draw pages. Neither
+    does a library process if they are not installed."""
     if "open3d" not in sys.modules:
         own = owns_process()
         absent = [each for each in PAGES if each not in sys.modules and (own or find_spec(each.split(".")[0]) is None)]

@@ -25,7 +25,7 @@ class Stages:
     def stage(self, label: str, total: int | None = None) -> Iterator[Callable[..., Any]]:
         """Run one stage; yields `advance(count=1)`, to be called as its `total` steps are done."""
         start = time.perf_counter()
-        task = self._begin(label, total)
+        task = self._started().add_task(label, total=total) if self._show else None
         try:
             yield lambda count=1: task is not None and self._bars.advance(task, count)
         finally:
@@ -46,9 +46,6 @@ class Stages:
         if self._bars is not None:
             self._bars.stop()
             self._bars = None
-
-    def _begin(self, label: str, total: int | None) -> Any:
-        return self._started().add_task(label, total=total) if self._show else None
 
     def _started(self) -> Any:
         if self._bars is None:

@@ -6,7 +6,7 @@ Canonical lat-long (OpenEXR's definition): row 0 is +y, the centre looks at +z, 
 import math
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 
 def fibonacci_sphere(count: int, first: float = 0.0) -> NDArray[np.float64]:
@@ -33,3 +33,17 @@ def row_solid_angles(height: int, width: int) -> NDArray[np.float64]:
     """Solid angle of a texel in each row of a lat-long image, in steradians: (H, 1) float64, exact."""
     edges = np.cos(np.pi * np.arange(height + 1) / height)
     return (edges[:-1] - edges[1:])[:, None] * (2.0 * np.pi / width)
+
+
+def level_axes(up: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Two unit directions (3,) at right angles to a third, `up`, and to one another: ahead, and to its side."""
+    up = np.asarray(up, np.float64)
+    ahead = np.linalg.svd(up[None])[2][1]
+    return ahead, np.cross(up, ahead)
+
+
+def level_directions(up: ArrayLike, count: int) -> NDArray[np.float64]:
+    """`count` unit directions (count, 3) all around at right angles to `up`, from `level_axes` on."""
+    ahead, side = level_axes(up)
+    turns = np.arange(count) * 2 * np.pi / count
+    return np.cos(turns)[:, None] * ahead + np.sin(turns)[:, None] * side

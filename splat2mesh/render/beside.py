@@ -21,10 +21,8 @@ BACKGROUND = 0.2
 
 
 def beside(splats: Splats, mesh: Mesh, view: View, near: float) -> ColorsSrgb:
-    """The picture, (H, 2 W, 3) uint8 sRGB: the splats on the left, the colours of the mesh on the right.
-
-    splats: Splats. mesh: Mesh in their frame. view: View. near: camera z of the near plane of the splats.
-    """
+    """The picture, (H, 2 W, 3) uint8 sRGB: the splats on the left, the colours of the mesh on the right. splats:
+    Splats. mesh: Mesh in their frame. view: View. near: camera z of the near plane of the splats."""
     view = view.resized(WIDTH)
     seen = rasterize(splats, view, near)
     left = seen.color + (1.0 - seen.alpha[..., None]) * BACKGROUND

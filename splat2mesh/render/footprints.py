@@ -16,14 +16,15 @@ from ..base.arrays import Floats, Indices, Integers, Mask, Matrix3, Points, Quat
 from ..base.errors import InputError
 from ..base.kernels import kernel
 from ..base.threads import read_only, shared
-from ..splats.splats import Splats
+from ..splats.splats import INVISIBLE_OPACITY, Splats
 from .view import View
 from .viewdirection import harmonics_of_direction
 
 NEAR = 0.01  # default near plane: splat centres closer than this camera z are not drawn
 DILATION = 0.3  # px^2 added to both image variances: the pixel's own footprint (Kerbl et al., their low-pass)
 GUARD_BAND = 0.3  # the Jacobian is held constant beyond this share of tan(fov / 2) outside the image
-MIN_ALPHA = np.float32(1 / 255)  # less than one 8-bit step: not drawn
+MIN_ALPHA = np.float32(INVISIBLE_OPACITY)  # less than one 8-bit step: not drawn
+MAX_ALPHA = np.float32(0.99)  # one splat never hides everything behind it
 ONE = np.float32(1)
 
 TILE = 16  # pixels along a tile's side
@@ -112,10 +113,8 @@ def footprint_batches(splats: Splats, camera: Camera, open_tiles: Mask) -> Itera
 
 
 def camera_of(view: View, near: float = NEAR) -> Camera:
-    """The View as a Camera: every field a float64 array, float or int, so that the kernels compile once.
-
-    Raises InputError when `near` is not positive.
-    """
+    """The View as a Camera: every field a float64 array, float or int, so that the kernels compile once. Raises
+    InputError when `near` is not positive."""
     if not near > 0:
         raise InputError(f"the near plane must lie in front of the camera: expected near > 0, found {near}")
     matrix = np.array(view.camera_from_world, np.float64)
@@ -147,15 +146,13 @@ def _front_to_back(depth: Floats) -> Indices:
 @shared
 @kernel
 def _cull(begin: int, end: int, gaussians: Gaussians, camera: Camera, depth: Floats) -> None:
-    """Camera z of the splats that may touch the image, infinity for the others.
-
-    A splat's image variance along x is at most (fx scale_max / z)^2 (1 + (x/z)^2) plus the dilation.
-    """
+    """Camera z of the splats that may touch the image, infinity for the others. A splat's image variance along x is at
+    most (fx scale_max / z)^2 (1 + (x/z)^2) plus the dilation."""
     widest = 2 * math.log(1 / MIN_ALPHA)
     scales = gaussians.scales
     for i in range(begin, end):
         depth[i] = np.inf
-        x, y, z = _camera_point(camera, gaussians.means, i)
+        x, y, z = camera_point(camera, gaussians.means, i)
         if not (z > camera.near and gaussians.opacities[i] >= MIN_ALPHA):
             continue
         u, v = x / z, y / z
@@ -184,10 +181,8 @@ def _project(
     basis: Floats,
     entries: Integers,
 ) -> None:
-    """Footprints of the splats order[i], and how many of each chunk touch each open tile: (CHUNKS, tiles).
-
-    basis: (CHUNKS, 16), room for harmonics. entries: none, as nothing is listed yet.
-    """
+    """Footprints of the splats order[i], and how many of each chunk touch each open tile: (CHUNKS, tiles). basis:
+    (CHUNKS, 16), room for harmonics. entries: none, as nothing is listed yet."""
     chunks, n = counts.shape[0], len(order)
     for chunk in range(begin, end):
         for i in range(chunk * n // chunks, (chunk + 1) * n // chunks):
@@ -216,13 +211,25 @@ def _fill(
 
 
 @kernel
-def _camera_point(camera: Camera, means: Points, i: int) -> tuple[float, float, float]:
+def camera_point(camera: Camera, means: Points, i: int) -> tuple[float, float, float]:
+    """The centre of splat i in the camera's frame."""
     rotation, t = camera.rotation, camera.translation
     px, py, pz = np.float64(means[i, 0]), np.float64(means[i, 1]), np.float64(means[i, 2])
     return (
         rotation[0, 0] * px + rotation[0, 1] * py + rotation[0, 2] * pz + t[0],
         rotation[1, 0] * px + rotation[1, 1] * py + rotation[1, 2] * pz + t[1],
         rotation[2, 0] * px + rotation[2, 1] * py + rotation[2, 2] * pz + t[2],
+    )
+
+
+@kernel
+def axes_of(quats: Quaternions, k: int) -> tuple[tuple[float, float, float], ...]:
+    """The three axes of splat k in the world."""
+    w, x, y, z = np.float64(quats[k, 0]), np.float64(quats[k, 1]), np.float64(quats[k, 2]), np.float64(quats[k, 3])
+    return (
+        (1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)),
+        (2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)),
+        (2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)),
     )
 
 
@@ -237,15 +244,9 @@ def _project_one(camera: Camera, gaussians: Gaussians, k: int, out: Footprint) -
     """Write splat k's footprint, all but its colour; with reach_y = -1 (no tiles) when it is not finite."""
     means, scales, quats, opacities = gaussians.means, gaussians.scales, gaussians.quats, gaussians.opacities
     out.reach_y = -1.0
-    x, y, z = _camera_point(camera, means, k)
+    x, y, z = camera_point(camera, means, k)
     u, v = _guarded(camera, x / z, y / z)
-    qw, qx = np.float64(quats[k, 0]), np.float64(quats[k, 1])
-    qy, qz = np.float64(quats[k, 2]), np.float64(quats[k, 3])
-    axes = (
-        (1 - 2 * (qy * qy + qz * qz), 2 * (qx * qy + qw * qz), 2 * (qx * qz - qw * qy)),
-        (2 * (qx * qy - qw * qz), 1 - 2 * (qx * qx + qz * qz), 2 * (qy * qz + qw * qx)),
-        (2 * (qx * qz + qw * qy), 2 * (qy * qz - qw * qx), 1 - 2 * (qx * qx + qy * qy)),
-    )
+    axes = axes_of(quats, k)
     # Image covariance: the sum over the three axes of (J W axis)(J W axis)^T, J the projection's Jacobian.
     x0, y0 = _image_axis(camera, axes[0], scales[k, 0] / z, u, v)
     x1, y1 = _image_axis(camera, axes[1], scales[k, 1] / z, u, v)
@@ -292,11 +293,9 @@ def pixel_range(low: float, high: float, start: int, stop: int) -> tuple[int, in
 
 @kernel
 def _bin_one(s: Footprint, i: int, camera: Camera, open_tiles: Mask, cursors: Integers, entries: Integers) -> bool:
-    """Advance the cursor of each open tile that footprint i touches; where there are entries, note i there.
-
-    A tile is touched when the ellipse reaches its range of pixel centres: exact for each row of tiles.
-    Returns whether any tile was.
-    """
+    """Advance the cursor of each open tile that footprint i touches; where there are entries, note i there. A tile is
+    touched when the ellipse reaches its range of pixel centres: exact for each row of tiles. Returns whether any tile
+    was."""
     tiles_x = (camera.width + TILE - 1) // TILE
     first_row, last_row = pixel_range(s.y - s.reach_y, s.y + s.reach_y, 0, camera.height)
     touched = False

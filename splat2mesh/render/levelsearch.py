@@ -104,10 +104,8 @@ def _even_lengths(entries: Floats, counts: Integers) -> int:
 
 @kernel
 def _ranges(entries: Floats, longest: int, level: np.float32, search: Floats) -> None:
-    """Prepare the search for the level: the range in which the opacity rises, all it lets through, and a guess.
-
-    The guess is one standard deviation in front of the first peak beyond which the level is reached.
-    """
+    """Prepare the search for the level: the range in which the opacity rises, all it lets through, and a guess. The
+    guess is one standard deviation in front of the first peak beyond which the level is reached."""
     for column in range(np.uint64(TILE)):
         search[LOW + column], search[LAST + column] = np.float32(np.inf), np.float32(-np.inf)
         search[THROUGH + column], search[AT + column] = ONE, ZERO
@@ -142,9 +140,7 @@ def _bracket(target: np.float32, level: np.float32, search: Floats) -> None:
 @kernel
 def _reach(entries: Floats, longest: int, target: np.float32, search: Floats) -> None:
     """Move AT to where the opacity reaches `target`: Newton's steps, or halves of [LOW, HIGH] where those do badly.
-
-    Where the opacity never reaches it, AT becomes the last peak.
-    """
+    Where the opacity never reaches it, AT becomes the last peak."""
     for column in range(np.uint64(TILE)):
         reached = ONE - search[THROUGH + column] >= target
         search[ACTIVE + column] = ONE if reached else ZERO

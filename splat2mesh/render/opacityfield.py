@@ -21,7 +21,19 @@ from ..base.errors import InputError
 from ..base.kernels import kernel
 from ..base.threads import shared
 from ..splats.splats import Splats
-from .footprints import NEAR, TILE, Batch, Camera, Footprint, camera_of, footprint_batches, pixel_range
+from .footprints import (
+    MAX_ALPHA,
+    NEAR,
+    TILE,
+    Batch,
+    Camera,
+    Footprint,
+    axes_of,
+    camera_of,
+    camera_point,
+    footprint_batches,
+    pixel_range,
+)
 from .levelsearch import ENTRY, FARTHEST_Q, lanes, search_level
 from .rasterize import exp_minus_half
 from .view import View
@@ -37,8 +49,6 @@ MIN_WEIGHT = np.float32(0.004)
 
 ENOUGH = np.float32(0.02)
 """Transmittance below which a pixel is finished: nothing behind moves the level, and little the colour."""
-
-MAX_ALPHA = np.float32(0.99)  # one Gaussian never hides everything behind it
 
 
 @dataclass(frozen=True)
@@ -111,25 +121,14 @@ FLATTEST, WIDEST = 1e-7, 1e7  # scales, in units of the distance, between which 
 def _shapes(
     begin: int, end: int, means: Points, scales: Floats, quats: Quaternions, order: Indices, camera: Camera, out: Floats
 ) -> None:
-    """Maps M that make each Gaussian order[i] a unit ball, for rays in the camera's frame: (M, 13) float32.
-
-    A row holds M (axis after axis, in units of 1 / distance), M times the Gaussian's centre, and 1 / distance^2. Along
-    the ray t r the Gaussian peaks at t = (M r . M centre) / |M r|^2 with sigma = distance / |M r| and normal M^T M r.
-    """
-    r, t = camera.rotation, camera.translation
+    """Maps M that make each Gaussian order[i] a unit ball, for rays in the camera's frame: (M, 13) float32. A row holds
+    M (axis after axis, in units of 1 / distance), M times the Gaussian's centre, and 1 / distance^2. Along the ray t r
+    the Gaussian peaks at t = (M r . M centre) / |M r|^2 with sigma = distance / |M r| and normal M^T M r."""
+    r = camera.rotation
     for i in range(begin, end):
         k = order[i]
-        w, x = np.float64(quats[k, 0]), np.float64(quats[k, 1])
-        y, z = np.float64(quats[k, 2]), np.float64(quats[k, 3])
-        axes = (
-            (1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)),
-            (2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)),
-            (2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)),
-        )
-        mx, my, mz = np.float64(means[k, 0]), np.float64(means[k, 1]), np.float64(means[k, 2])
-        px = r[0, 0] * mx + r[0, 1] * my + r[0, 2] * mz + t[0]
-        py = r[1, 0] * mx + r[1, 1] * my + r[1, 2] * mz + t[1]
-        pz = r[2, 0] * mx + r[2, 1] * my + r[2, 2] * mz + t[2]
+        axes = axes_of(quats, k)
+        px, py, pz = camera_point(camera, means, k)
         distance = math.sqrt(px * px + py * py + pz * pz)
         for a in range(3):
             ax, ay, az = axes[a]
@@ -215,10 +214,8 @@ def _any_open(block: Floats, start: np.uint64) -> bool:
 def _weigh_row(
     block: Floats, start: np.uint64, s: Footprint, q_y: np.float32, dx: np.float32, sketch: Floats
 ) -> tuple[np.int32, np.int32]:
-    """Opacity and weight of a footprint in a pixel row; returns the range (first, last + 1) of pixels that see it.
-
-    dx is the first pixel's offset from the row's middle.
-    """
+    """Opacity and weight of a footprint in a pixel row; returns the range (first, last + 1) of pixels that see it. dx
+    is the first pixel's offset from the row's middle."""
     precision, cutoff, opacity = np.float32(s.precision_x), np.float32(s.cutoff), s.opacity
     first, last = END, BEGIN
     for column in range(np.uint64(TILE)):

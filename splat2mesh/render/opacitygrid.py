@@ -5,6 +5,7 @@ a ray that leaves the garden still meets the house behind it.
 """
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 from ..base.arrays import Bounds, Directions, Floats, Integers, Points, Quaternions, Vector
 from ..base.kernels import kernel
 from ..base.threads import shared
-from ..splats.splats import Splats
+from ..splats.splats import SOLID, Splats
 
 CELLS, OUTER_CELLS = 12_000_000, 1_500_000
 """Cells of the innermost grid and of each further one: 48 MB, and 6 MB each."""
@@ -33,8 +34,9 @@ FINEST_SHARE = 0.1
 SCALES_PER_PIXEL = 1.4
 """The largest scale of such a Gaussian in training pixels: what training lets shrink."""
 
-SOLID = 0.3
-"""Opacity above which a Gaussian counts for the size of pixels."""
+
+OCCUPIED = 0.3
+"""Optical depth from which a cell belongs to something."""
 
 STOPPED = -math.log(0.5)
 """Optical depth at which a ray counts as stopped: half of the light is."""
@@ -67,33 +69,12 @@ class OpacityGrid(NamedTuple):
         reach = np.abs(solid - center).max(axis=1)
         widest = 2 * np.percentile(reach, 99.9) if len(reach) else size.max()
         levels = 1 + int(np.clip(np.ceil(np.log(max(widest / size.max(), 1)) / np.log(GROWTH)), 0, MOST_LEVELS - 1))
-        corners, sides, counted = [], [], []
-        for level in range(levels):
-            box = size * GROWTH**level
-            cell = (np.prod(box) / (outer_cells if level else inner_cells)) ** (1 / 3)
-            shape = np.maximum(np.ceil(box / cell).astype(np.int64), 1)
-            corners.append(center - shape * cell / 2)
-            sides.append(cell)
-            counted.append(shape)
-        origins, cells, shapes = np.array(corners), np.array(sides), np.array(counted)
-        counts = shapes.prod(axis=1)
+        counts = [outer_cells if level else inner_cells for level in range(levels)]
+        origins, cells, grids = nested(splats, splats.opacities, center, size, counts)
+        shapes = np.array([grid.shape for grid in grids])
         blocks = -(-shapes // PIXEL_BLOCK)
-        starts, pixel_starts = (np.concatenate([[0], np.cumsum(c)[:-1]]) for c in (counts, blocks.prod(axis=1)))
-        depth = np.zeros(counts.sum(), np.float32)
-        pattern = normal_points(SAMPLES)
-        for level in range(levels):
-            part = depth[starts[level] : starts[level] + counts[level]]
-            deal(
-                splats.means,
-                splats.scales,
-                splats.quats_wxyz,
-                splats.opacities,
-                pattern,
-                origins[level],
-                cells[level],
-                shapes[level],
-                part,
-            )
+        starts, pixel_starts = (each.prod(axis=1).cumsum() - each.prod(axis=1) for each in (shapes, blocks))
+        depth = np.concatenate([grid.ravel() for grid in grids])
         pixels = np.concatenate([_local_pixels(splats, origins[k], cells[k], blocks[k]) for k in range(levels)])
         return cls(origins, cells, shapes, starts, depth, pixels, pixel_starts)
 
@@ -117,6 +98,28 @@ class OpacityGrid(NamedTuple):
         points, directions = np.ascontiguousarray(points, np.float64), np.ascontiguousarray(directions, np.float64)
         _march(len(points), points, directions, self, distance, pixel, level)
         return distance, pixel, level
+
+
+def nested(
+    splats: Splats, opacities: Floats, center: Vector, size: Vector, counts: Sequence[int]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], list[NDArray[np.float32]]]:
+    """Grids of optical depth about a center (3,), the first of a box of some size (3,), each further one GROWTH times
+    as wide: their lowest corners (L, 3), the sides of their cells (L,), and the grids, (X, Y, Z) float32 each.
+
+    opacities: (N,) with which the splats count. counts: of the cells of each grid, about.
+    """
+    corners, sides, grids = [], [], []
+    pattern = normal_points(SAMPLES)
+    for level, count in enumerate(counts):
+        box = size * GROWTH**level
+        cell = float((np.prod(box) / count) ** (1 / 3))
+        shape = np.maximum(np.ceil(box / cell).astype(np.int64), 1)
+        corner, depth = center - shape * cell / 2, np.zeros(shape.prod(), np.float32)
+        deal(splats.means, splats.scales, splats.quats_wxyz, opacities, pattern, corner, cell, shape, depth)
+        corners.append(corner)
+        sides.append(cell)
+        grids.append(depth.reshape(shape))
+    return np.array(corners), np.array(sides), grids
 
 
 def normal_points(count: int) -> NDArray[np.float32]:

@@ -1,6 +1,6 @@
 """Splats to images on the CPU: colour, opacity and depth of one view, by tiles, front to back.
 
-The method is elliptical weighted averaging as 3D Gaussian splatting does it. `rasterize_reference` does the same in
+The method is elliptical weighted averaging as 3D Gaussian splatting does it. Its twin in the tests does the same in
 plain NumPy; the kernels here only skip invisible work.
 
 Each pixel is computed by one thread in a fixed order: the same bytes come out on any number of threads.
@@ -14,14 +14,13 @@ from numpy.typing import NDArray
 from ..base.arrays import DepthMap, Floats
 from ..base.kernels import kernel
 from ..base.threads import shared
-from ..splats.splats import Splats
-from .footprints import NEAR, TILE, Batch, Footprint, camera_of, footprint_batches, pixel_range
+from ..splats.splats import INVISIBLE_OPACITY, Splats
+from .footprints import MAX_ALPHA, NEAR, TILE, Batch, Footprint, camera_of, footprint_batches, pixel_range
 from .screentiles import AREA, ScreenTiles
 from .view import View
 
-MAX_ALPHA = np.float32(0.99)  # one splat never hides everything behind it
 MIN_TRANSMITTANCE = np.float32(1e-4)  # a pixel that lets less through is finished
-MIN_DEPTH_ALPHA = 0.5 / 255  # below this a pixel has no expected depth; anything drawn leaves at least 1 / 255
+MIN_DEPTH_ALPHA = INVISIBLE_OPACITY / 2  # below this a pixel has no expected depth; what is drawn leaves more
 ZERO, HALF, ONE = np.float32(0), np.float32(0.5), np.float32(1)
 
 CLOSING_INTERVAL = 8  # splats blended between two looks whether a tile is finished
@@ -96,10 +95,8 @@ def _blend(begin: int, end: int, batch: Batch, tiles: ScreenTiles) -> None:
 
 @kernel
 def _blend_row(block: Floats, first: np.uint64, s: Footprint, q_y: np.float32, dx: np.float32) -> None:
-    """Blend a footprint into the pixel row at `first`; dx is its first pixel's offset from the row's middle.
-
-    No branch, no call, unsigned indices at fixed distances: the compiler makes it vector instructions.
-    """
+    """Blend a footprint into the pixel row at `first`; dx is its first pixel's offset from the row's middle. No branch,
+    no call, unsigned indices at fixed distances: the compiler makes it vector instructions."""
     precision, cutoff, opacity = np.float32(s.precision_x), np.float32(s.cutoff), s.opacity
     red, green, blue, depth = s.red, s.green, s.blue, s.depth
     for column in range(np.uint64(TILE)):

@@ -1,6 +1,8 @@
 """One pinhole camera."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,9 +27,9 @@ class View:
     cy: float
     camera_from_world: np.ndarray
 
-    @classmethod
+    @staticmethod
     def look_at(
-        cls, eye: ArrayLike, target: ArrayLike, up: ArrayLike, fov_deg: float, width: int, height: int | None = None
+        eye: ArrayLike, target: ArrayLike, up: ArrayLike, fov_deg: float, width: int, height: int | None = None
     ) -> "View":
         """A camera at `eye` that looks at `target`, image top towards `up`.
 
@@ -45,36 +47,23 @@ class View:
         matrix = np.eye(4)
         matrix[:3, :3], matrix[:3, 3] = rotation, -rotation @ eye
         focal = 0.5 * width / np.tan(np.radians(fov_deg) / 2)
-        return cls(width, height, focal, focal, width / 2, height / 2, matrix)
+        return View(width, height, focal, focal, width / 2, height / 2, matrix)
 
-    @classmethod
-    def holding(
-        cls,
-        points: ArrayLike,
-        backward: ArrayLike,
-        up: ArrayLike,
-        fov_deg: float,
-        width: int,
-        height: int | None = None,
-        margin: float = 1.15,
-    ) -> "View":
-        """The camera nearest to points whose image just holds them all.
-
-        points: (N, 3) world. backward: (3,) from the points to the eye. margin: of the image over what they fill.
-        """
-        height = width if height is None else height
-        view = cls.look_at(backward, np.zeros(3), up, fov_deg, width, height)
-        rotation = view.camera_from_world[:3, :3]
-        x, y, z = rotation @ np.asarray(points, np.float64).T
+    def holding(self, points: ArrayLike, margin: float = 1.15) -> "View":
+        """The same view moved, nearest to points whose image just holds them all. points: (N, 3) world. margin: of the
+        image over what they fill."""
+        rotation = self.camera_from_world[:3, :3]
+        # Sums in a fixed order: the rounding of a matrix product depends on its threads.
+        x, y, z = (rotation[:, None] * np.asarray(points, np.float64)).sum(axis=2)
         # Each side of the frustum touches a point when the eye lies on a line; the lines of opposite sides cross
         # where both touch, and the pair that crosses farther back decides.
-        slope_x, slope_y = width / 2 / view.fx / margin, height / 2 / view.fy / margin
+        slope_x, slope_y = self.width / 2 / self.fx / margin, self.height / 2 / self.fy / margin
         right, left = np.max(x - slope_x * z), np.max(-x - slope_x * z)
         below, above = np.max(y - slope_y * z), np.max(-y - slope_y * z)
         depth = min(-(right + left) / (2 * slope_x), -(below + above) / (2 * slope_y))
-        eye = np.array([(right - left) / 2, (below - above) / 2, depth])
-        target = np.array([eye[0], eye[1], max(0.5 * (z.min() + z.max()), depth + 1e-9)])
-        return cls.look_at(rotation.T @ eye, rotation.T @ target, up, fov_deg, width, height)
+        matrix = self.camera_from_world.copy()
+        matrix[:3, 3] = -np.array([(right - left) / 2, (below - above) / 2, depth])
+        return replace(self, camera_from_world=matrix)
 
     @property
     def center(self) -> NDArray[np.float64]:
@@ -110,12 +99,46 @@ class View:
             pixels = local[:, :2] / local[:, 2:] * [self.fx, self.fy] + [self.cx, self.cy]
         return pixels, local[:, 2]
 
+    def shown(self, points: ArrayLike) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
+        """Which world points (N, 3) lie within the image: their rows (M,), the row and column of the pixel of each,
+        (2, M), and their camera z (M,)."""
+        pixels, depth = self.project(points)
+        with np.errstate(invalid="ignore"):
+            inside = (depth > 0) & (pixels >= 0).all(axis=1) & (pixels < [self.width, self.height]).all(axis=1)
+        rows = np.flatnonzero(inside)
+        return rows, pixels[rows].astype(np.int64).T[::-1], depth[rows]
+
     def ray_directions(self) -> NDArray[np.float64]:
         """World directions through all pixel centres, scaled to camera z = 1: (H, W, 3) float64."""
         x = (np.arange(self.width) + 0.5 - self.cx) / self.fx
         y = (np.arange(self.height) + 0.5 - self.cy) / self.fy
         local = np.stack([*np.meshgrid(x, y), np.ones((self.height, self.width))], axis=-1)
         return local @ self.camera_from_world[:3, :3]
+
+
+class ViewStack(NamedTuple):
+    """M views whose pixels lie one after the other, row by row, as kernels read them.
+
+    poses: (M, 3, 4) float64 camera_from_world. lenses: (M, 4) float64 fx, fy, cx, cy. sizes: (M, 2) int64 height and
+    width. starts: (M,) int64 first pixel of each.
+    """
+
+    poses: NDArray[np.float64]
+    lenses: NDArray[np.float64]
+    sizes: NDArray[np.int64]
+    starts: NDArray[np.int64]
+
+
+def stacked(views: Sequence[View]) -> ViewStack:
+    """The ViewStack of some views."""
+    sizes = np.array([[view.height, view.width] for view in views], np.int64)
+    pixels = sizes.prod(axis=1)
+    return ViewStack(
+        np.array([view.camera_from_world[:3] for view in views]),
+        np.array([[view.fx, view.fy, view.cx, view.cy] for view in views], float),
+        sizes,
+        pixels.cumsum() - pixels,
+    )
 
 
 def _unit(vector: NDArray[np.float64]) -> NDArray[np.float64]:

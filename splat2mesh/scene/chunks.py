@@ -24,7 +24,7 @@ def split(mesh: Mesh, max_vertices: int = DEFAULT_MAX_VERTICES) -> list[Mesh]:
     if max_vertices < 3:
         raise InputError(f"a chunk needs room for at least 3 vertices, the limit is {max_vertices}")
     centroids = mesh.vertices[mesh.faces].mean(axis=1)
-    return [_extract(mesh, faces) for faces in _bisect(mesh.faces, centroids, max_vertices)]
+    return [mesh.of_faces(faces) for faces in _bisect(mesh.faces, centroids, max_vertices)]
 
 
 def _bisect(faces: NDArray[np.int32], centroids: NDArray[np.float32], max_vertices: int) -> list[NDArray[np.intp]]:
@@ -41,9 +41,3 @@ def _bisect(faces: NDArray[np.int32], centroids: NDArray[np.float32], max_vertic
         middle = max(1, len(order) * (wanted // 2) // wanted)
         pending += [np.sort(order[middle:]), np.sort(order[:middle])]
     return parts
-
-
-def _extract(mesh: Mesh, face_indices: NDArray[np.intp]) -> Mesh:
-    used, corners = np.unique(mesh.faces[face_indices], return_inverse=True)
-    faces = corners.reshape(-1, 3).astype(np.int32)
-    return Mesh(mesh.vertices[used], mesh.normals[used], faces, mesh.colors_srgb[used])

@@ -5,14 +5,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+CLIPPED_SRGB = 0.97
+"""Display value from which a photograph may have been clipped: splats ring about 1 by a few steps of a byte."""
+
 
 def linear_from_srgb(color: ArrayLike) -> NDArray[np.floating[Any]]:
-    """Return the linear light of sRGB values.
-
-    color: any shape, sRGB in [0, 1] (values above 1 continue the curve). Returns floating point: the same shape.
-
-    Source: IEC 61966-2-1.
-    """
+    """Return the linear light of sRGB values. color: any shape, sRGB in [0, 1] (values above 1 continue the curve).
+    Returns floating point: the same shape. Source: IEC 61966-2-1."""
     color = np.asarray(color)
     high = ((np.maximum(color, 0.0) + 0.055) / 1.055) ** 2.4
     linear = np.where(color <= 0.04045, color / 12.92, high)
@@ -20,10 +19,8 @@ def linear_from_srgb(color: ArrayLike) -> NDArray[np.floating[Any]]:
 
 
 def srgb_from_linear(color: ArrayLike) -> NDArray[np.floating[Any]]:
-    """Return the sRGB values of linear light: the inverse of `linear_from_srgb`.
-
-    color: any shape, linear in [0, 1]. Returns floating point: the same shape.
-    """
+    """Return the sRGB values of linear light: the inverse of `linear_from_srgb`. color: any shape, linear in [0, 1].
+    Returns floating point: the same shape."""
     color = np.asarray(color)
     high = 1.055 * np.maximum(color, 1e-9) ** (1 / 2.4) - 0.055
     srgb = np.where(color <= 0.0031308, color * 12.92, high)
@@ -31,16 +28,10 @@ def srgb_from_linear(color: ArrayLike) -> NDArray[np.floating[Any]]:
 
 
 def luminance(color_linear: ArrayLike) -> NDArray[np.floating[Any]]:
-    """Return the Rec. 709 luminance of linear RGB.
-
-    color_linear: (..., 3). Returns (...).
-    """
+    """Return the Rec. 709 luminance of linear RGB. color_linear: (..., 3). Returns (...)."""
     return np.asarray(color_linear) @ np.array([0.2126, 0.7152, 0.0722])
 
 
 def bytes_from_unit(color: ArrayLike) -> NDArray[np.uint8]:
-    """Round values in [0, 1] to bytes, clipping what lies outside.
-
-    color: any shape. Returns uint8: the same shape.
-    """
+    """Round values in [0, 1] to bytes, clipping what lies outside. color: any shape. Returns uint8: the same shape."""
     return (np.clip(color, 0.0, 1.0) * 255.0 + 0.5).astype(np.uint8)

@@ -21,10 +21,8 @@ where the hull is black, nothing says how much light there is."""
 
 
 class Drawn:
-    """What is drawn of a Scene, and the values of its vertices there.
-
-    scene: Scene of the drawn chunks, cards last: the same object where nothing is hidden. D vertices.
-    """
+    """What is drawn of a Scene, and the values of its vertices there. scene: Scene of the drawn chunks, cards last: the
+    same object where nothing is hidden. D vertices."""
 
     def __init__(self, scene: Scene) -> None:
         self._lit = scene

@@ -59,11 +59,8 @@ TEXTURED = "mesh.glb"
 
 
 def read_folder(path: Path) -> tuple[list[Mesh], list[Mesh], dict[str, Any]]:
-    """Read a scene folder.
-
-    Returns chunks; background; fields: the other fields of the Scene. Raises InputError where anything is broken, or
-    differs from its checksum, and for another schema version.
-    """
+    """Read a scene folder. Returns chunks; background; fields: the other fields of the Scene. Raises InputError where
+    anything is broken, or differs from its checksum, and for another schema version."""
     meta = _checked_meta(path / META)
     kinds: dict[str, list[Mesh]] = {"chunks": [], "background": [], "cards": [], HULL: []}
     try:
@@ -97,11 +94,8 @@ def read_folder(path: Path) -> tuple[list[Mesh], list[Mesh], dict[str, Any]]:
 
 
 def write_folder(scene: Any, path: str | os.PathLike[str], overwrite: bool = False) -> None:
-    """Write a scene folder; it appears complete or not at all.
-
-    overwrite: whether a scene folder that is there may be replaced. Raises InputError when `path` exists, unless it is
-    a scene folder and may be overwritten.
-    """
+    """Write a scene folder; it appears complete or not at all. overwrite: whether a scene folder that is there may be
+    replaced. Raises InputError when `path` exists, unless it is a scene folder and may be overwritten."""
     check_output(path, overwrite, META)
     with staged_folder(path, overwrite, META) as folder:
         entries, hull = _write_chunks(folder, scene)
@@ -192,19 +186,14 @@ def _relative(file: str, folder: str | os.PathLike[str]) -> str:
 
 
 def absolute(file: str | os.PathLike[str], folder: str | os.PathLike[str] = ".") -> str:
-    """Return a path from a folder as text, absolute.
-
-    folder: where a relative path starts. Links among its folders are followed, that of the file itself is not.
-    """
+    """Return a path from a folder as text, absolute. folder: where a relative path starts. Links among its folders are
+    followed, that of the file itself is not."""
     whole = Path(os.path.realpath(folder), file)
     return os.path.normpath(Path(os.path.realpath(whole.parent), whole.name))
 
 
 def sha256_of(path: Path) -> str:
-    """Return the SHA-256 of a regular file.
-
-    Hexadecimal. Raises InputError for what is no regular file.
-    """
+    """Return the SHA-256 of a regular file. Hexadecimal. Raises InputError for what is no regular file."""
     file_size(path, "file of a scene")
     digest = hashlib.sha256()
     with open(path, "rb") as file:
@@ -241,12 +230,7 @@ def _checked_meta(path: Path) -> dict[str, Any]:
     """The content of a scene.json of this schema, with all entries that every scene has."""
     if not path.is_file():
         raise InputError(f"{path.parent}: not a scene folder (it has no {META}); make one with splat2mesh")
-    try:
-        meta = read_json(path)
-    except ValueError as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(f"{path}: not valid JSON ({error}); convert the splat again") from error
+    meta = read_json(path)
     version = meta.get("schema_version") if isinstance(meta, dict) else None
     if not isinstance(version, int):
         raise InputError(f"{path}: has no schema_version, so it is not a scene of this tool")

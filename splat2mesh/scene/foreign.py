@@ -58,9 +58,7 @@ def as_scene(source: AnyScene) -> Scene:
 
 def _scene(vertices: Any, faces: Any, normals: Any, colors: Any) -> Scene:
     """The Scene of (V, 3) vertices, (F, 3) faces, (V, 3) normals or None, (V, 3 or 4) colours, bytes or 0..1, or None.
-
-    Raises InputError for arrays of another shape, values that are not finite and faces beyond the vertices.
-    """
+    Raises InputError for arrays of another shape, values that are not finite and faces beyond the vertices."""
     vertices, faces = np.asarray(vertices), np.asarray(faces)
     if vertices.ndim != 2 or vertices.shape[1] != 3 or faces.ndim != 2 or faces.shape[1] != 3 or not len(faces):
         raise InputError(f"expected a triangle mesh, found vertices {vertices.shape} and faces {faces.shape}")

@@ -17,10 +17,7 @@ _CODES = {kind: code for code, kind in COMPONENTS.items()}
 
 
 class Glb:
-    """A document and its one buffer.
-
-    document: holds whatever else a file needs; arrays and nodes are added here.
-    """
+    """A document and its one buffer. document: holds whatever else a file needs; arrays and nodes are added here."""
 
     def __init__(self, generator: str = "splat2mesh", **document: Any) -> None:
         """document: fields of `pygltflib.GLTF2`, such as materials."""
@@ -28,11 +25,8 @@ class Glb:
         self._blob = bytearray()
 
     def values(self, array: NDArray, target: int = gltf.ARRAY_BUFFER, **more: Any) -> int:
-        """Append an array.
-
-        array: (N,), (N, 2), (N, 3) or (N, 4). pygltflib aligns arrays to 4 bytes on saving. target: of the buffer view.
-        **more: fields of `pygltflib.Accessor`. Returns the index of its accessor.
-        """
+        """Append an array. array: (N,), (N, 2), (N, 3) or (N, 4). pygltflib aligns arrays to 4 bytes on saving. target:
+        of the buffer view. **more: fields of `pygltflib.Accessor`. Returns the index of its accessor."""
         array = np.ascontiguousarray(array)
         array = array.astype(array.dtype.newbyteorder("<"), copy=False)
         kind = "SCALAR" if array.ndim == 1 else f"VEC{array.shape[1]}"
@@ -43,46 +37,32 @@ class Glb:
         return len(self.document.accessors) - 1
 
     def positions(self, points: NDArray) -> int:
-        """Append points with the bounds that glTF asks for.
-
-        points: (N, 3). Returns the index of its accessor.
-        """
+        """Append points with the bounds that glTF asks for. points: (N, 3). Returns the index of its accessor."""
         points = np.asarray(points, np.float32)
         return self.values(points, min=points.min(axis=0).tolist(), max=points.max(axis=0).tolist())
 
     def indices(self, faces: NDArray, vertex_count: int) -> int:
-        """Append faces, in 16 bits where those suffice.
-
-        faces: (F, 3) integers. Returns the index of its accessor.
-        """
+        """Append faces, in 16 bits where those suffice. faces: (F, 3) integers. Returns the index of its accessor."""
         # The largest index restarts a primitive in OpenGL, so glTF forbids it.
         if vertex_count > np.iinfo(np.uint16).max:
             return self.triangles(faces)
         return self.values(faces.ravel().astype(np.uint16), gltf.ELEMENT_ARRAY_BUFFER)
 
     def triangles(self, faces: NDArray) -> int:
-        """Append faces in 32 bits, which every loader reads.
-
-        faces: (F, 3) integers. Returns the index of its accessor.
-        """
+        """Append faces in 32 bits, which every loader reads. faces: (F, 3) integers. Returns the index of its
+        accessor."""
         return self.values(faces.ravel().astype(np.uint32), gltf.ELEMENT_ARRAY_BUFFER)
 
     def data(self, content: bytes, **more: Any) -> int:
-        """Append bytes.
-
-        **more: fields of `pygltflib.BufferView`. Returns the index of their buffer view.
-        """
+        """Append bytes. **more: fields of `pygltflib.BufferView`. Returns the index of their buffer view."""
         view = gltf.BufferView(buffer=0, byteOffset=len(self._blob), byteLength=len(content), **more)
         self._blob += content
         self.document.bufferViews.append(view)
         return len(self.document.bufferViews) - 1
 
     def mesh(self, name: str, attributes: dict[str, int], **primitive: Any) -> None:
-        """Add a mesh of one primitive and the node that shows it.
-
-        name: of both. attributes: name to accessor. **primitive: fields of `pygltflib.Primitive`; triangles, where they
-        name no mode.
-        """
+        """Add a mesh of one primitive and the node that shows it. name: of both. attributes: name to accessor.
+        **primitive: fields of `pygltflib.Primitive`; triangles, where they name no mode."""
         part = gltf.Primitive(attributes=gltf.Attributes(), **({"mode": gltf.TRIANGLES} | primitive))
         for key, accessor in attributes.items():  # names with a colon cannot be keyword arguments
             setattr(part.attributes, key, accessor)
@@ -90,10 +70,7 @@ class Glb:
         self.document.nodes.append(gltf.Node(name=name, mesh=len(self.document.meshes) - 1))
 
     def content(self, extras: dict | None = None) -> bytes:
-        """Return the whole file, whose one scene shows all nodes.
-
-        extras: JSON values of that scene.
-        """
+        """Return the whole file, whose one scene shows all nodes. extras: JSON values of that scene."""
         nodes = list(range(len(self.document.nodes)))
         self.document.scenes, self.document.scene = [gltf.Scene(nodes=nodes, extras=extras or {})], 0
         self.document.buffers = [gltf.Buffer(byteLength=len(self._blob))]
@@ -101,10 +78,7 @@ class Glb:
         return b"".join(self.document.save_to_bytes())
 
     def save(self, path: str | os.PathLike[str], extras: dict | None = None) -> None:
-        """Write the file, complete or not at all.
-
-        extras: as for `content`.
-        """
+        """Write the file, complete or not at all. extras: as for `content`."""
         content = self.content(extras)
         with staged_file(path) as staging:
             staging.write_bytes(content)

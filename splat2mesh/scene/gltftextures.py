@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pygltflib as codes
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -29,7 +30,7 @@ GREY = 0.5
 
 SPECULAR_GLOSSINESS, TRANSFORM = "KHR_materials_pbrSpecularGlossiness", "KHR_texture_transform"
 
-_CLAMPED, _MIRRORED = 33071, 33648  # of a sampler; others repeat
+_CLAMPED, _MIRRORED = codes.CLAMP_TO_EDGE, codes.MIRRORED_REPEAT  # of a sampler; others repeat
 
 
 def base_color(material: Any) -> tuple[list[float], Any]:
@@ -50,11 +51,8 @@ def base_color(material: Any) -> tuple[list[float], Any]:
 
 @dataclass(frozen=True, eq=False)
 class MappedTexture:
-    """A picture on vertices.
-
-    pixels: (H, W, 4) uint8 or uint16, sRGB and alpha. uv: (V, 2) float64, transformed. wraps: those of its sampler,
-    across and down. decoded: whether it is that of the file, not a grey texel in its place.
-    """
+    """A picture on vertices. pixels: (H, W, 4) uint8 or uint16, sRGB and alpha. uv: (V, 2) float64, transformed. wraps:
+    those of its sampler, across and down. decoded: whether it is that of the file, not a grey texel in its place."""
 
     pixels: NDArray[Any]
     uv: NDArray[np.float64]

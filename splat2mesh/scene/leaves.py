@@ -87,7 +87,6 @@ def leaf_faces(vertices: Points, faces: Faces, volume: Floats, depth: OpticalDep
 def _disorder(middles: Floats, across: Floats, areas: Floats, side: float) -> tuple[Floats, Floats]:
     """Of faces within boxes of a side: how far their normals cancel, (F,) in [0, 1], 1 in a closed body; and how far
     they face all ways, (F,) in [0, 1/3], 0 in sheets and along a trunk: the least eigenvalue of the mean of n n^T.
-
     middles: (F, 3). across: (F, 3) normals as long as their areas, (F,)."""
     lattice = Lattice(middles.astype(np.float64), side)
     weight = 1.0 / np.maximum(areas, 1e-30)
@@ -127,10 +126,8 @@ def connected(edges: Indices, count: int) -> Indices:
 
 
 class Lattice:
-    """Points (R, 3) gathered in cells of a side: a probe for each cell, between which points interpolate.
-
-    points: (P, 3) float64, the mean of each cell's.
-    """
+    """Points (R, 3) gathered in cells of a side: a probe for each cell, between which points interpolate. points: (P,
+    3) float64, the mean of each cell's."""
 
     def __init__(self, points: NDArray[np.float64], side: float) -> None:
         low = points.min(axis=0) - side
@@ -172,9 +169,7 @@ def _surround(
     weights: NDArray[np.float32],
 ) -> None:
     """The probes about each point, at its place in cells, and what they weigh; its own cell's, 0, where there is none.
-
-    keys: (P,) of the cells that have a probe, sorted. cell: (R,), the number of each point's own.
-    """
+    keys: (P,) of the cells that have a probe, sorted. cell: (R,), the number of each point's own."""
     shares = np.zeros(8)
     for r in range(begin, end):
         x, y, z = at[r, 0] - 0.5, at[r, 1] - 0.5, at[r, 2] - 0.5

@@ -88,10 +88,7 @@ class Measured(NamedTuple):
             np.savez_compressed(file, **arrays)
 
     def described(self) -> dict[str, Any]:
-        """Return its entry in scene.json.
-
-        Returns the file and the figures of what is in it.
-        """
+        """Return its entry in scene.json. Returns the file and the figures of what is in it."""
         found: dict[str, Any] = {"file": FILE, "sky": None}
         found["volume_share"] = round(float(self.vertex_volume.mean()), 4) if len(self.vertex_volume) else 0.0
         if self.sky is not None:
@@ -101,10 +98,8 @@ class Measured(NamedTuple):
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], vertices: int) -> "Measured":
-        """Read what `save` wrote.
-
-        vertices: of the scene. Raises InputError for a file that is damaged, or of another number of vertices.
-        """
+        """Read what `save` wrote. vertices: of the scene. Raises InputError for a file that is damaged, or of another
+        number of vertices."""
         try:
             arrays = load_arrays(path, LARGEST)
             sky = None

@@ -24,6 +24,24 @@ class Mesh:
     faces: NDArray[np.int32]
     colors_srgb: NDArray[np.uint8]
 
+    def of_faces(self, chosen: NDArray) -> "Mesh":
+        """Return the part of some faces, and the vertices that these use. chosen: (M,) of the faces, or (F,) bool."""
+        used, corners = np.unique(self.faces[chosen], return_inverse=True)
+        faces = corners.reshape(-1, 3).astype(np.int32)
+        return Mesh(self.vertices[used], self.normals[used], faces, self.colors_srgb[used])
+
+
+def edge_keys(faces: NDArray, count: int) -> NDArray[np.int64]:
+    """Return a number for the edge from each corner of a face to the next, equal for equal edges in either direction.
+    faces: (F, 3) integers. count: of the vertices. Returns (F, 3) int64: ascending as the ends are."""
+    starts, ends = faces.astype(np.int64), np.roll(faces, -1, axis=1).astype(np.int64)
+    return np.minimum(starts, ends) * count + np.maximum(starts, ends)
+
+
+def edge_ends(keys: NDArray, count: int) -> NDArray[np.int64]:
+    """Return the ends of edges by their `edge_keys`: (E, 2) int64, the smaller one first."""
+    return np.stack(np.divmod(keys, max(count, 1)), axis=1)
+
 
 def vertex_normals(points: ArrayLike, faces: ArrayLike) -> NDArray[np.float32]:
     """Compute normals as open3d takes them: the mean of the normals of the faces around.
@@ -44,20 +62,16 @@ def vertex_normals(points: ArrayLike, faces: ArrayLike) -> NDArray[np.float32]:
 
 
 def without_direction(normals: NDArray) -> NDArray[np.bool_]:
-    """Return which normals are missing: too short for a direction, or not finite.
-
-    normals: (V, 3). Returns (V,) bool.
-    """
+    """Return which normals are missing: too short for a direction, or not finite. normals: (V, 3). Returns (V,)
+    bool."""
     with np.errstate(invalid="ignore", over="ignore"):
         length = np.linalg.norm(np.asarray(normals, np.float64), axis=1)
     return ~(np.isfinite(length) & (length > DEGENERATE_LENGTH))
 
 
 def known_normals(mesh: Mesh) -> NDArray[np.float32]:
-    """Return the normals of a Mesh; those that are missing from the faces around.
-
-    Returns (V, 3): still missing at vertices without faces; as they are where the arrays make no mesh.
-    """
+    """Return the normals of a Mesh; those that are missing from the faces around. Returns (V, 3): still missing at
+    vertices without faces; as they are where the arrays make no mesh."""
     normals, faces, count = np.asarray(mesh.normals), np.asarray(mesh.faces), len(mesh.vertices)
     if normals.shape != (count, 3) or not len(faces) or faces.min() < 0 or faces.max() >= count:
         return mesh.normals

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ..base.errors import DataWarning, InputError
 from ..base.inputs import file_size, quiet_numbers, reading
+from ..splats.splats import ABSURD_LENGTH
 from .gltfmesh import read_gltf
 from .mesh import Mesh, vertex_normals, without_direction
 from .objmesh import read_obj
@@ -31,9 +32,6 @@ READABLE_SUFFIXES = tuple(READERS)
 
 WITH_MATERIALS = (".obj", ".glb", ".gltf")
 """Kinds whose materials have colours and pictures."""
-
-LARGEST_COORDINATE = 1e15
-"""Beyond it squares, cubes and the areas of faces leave float32; the same length is absurd in a splat."""
 
 LOOKED_AT, INVERTED = 4096, 0.9
 """Faces in the sample, and the share of reversed normals above which a warning follows."""
@@ -55,10 +53,8 @@ def read_mesh(path: str | os.PathLike[str], in_place: bool = False, painted: boo
 def read_placed(
     path: str | os.PathLike[str], in_place: bool = False, painted: bool = True
 ) -> tuple[Mesh, NDArray[np.float64] | None]:
-    """Read a mesh file as `read_mesh` does; also what was taken off its points to bring them to the origin.
-
-    path, in_place, painted: as of `read_mesh`. Returns mesh; moved: (3,) float64, or None.
-    """
+    """Read a mesh file as `read_mesh` does; also what was taken off its points to bring them to the origin. path,
+    in_place, painted: as of `read_mesh`. Returns mesh; moved: (3,) float64, or None."""
     path = Path(path)
     if not os.path.lexists(path) or path.is_dir():
         raise InputError(f"{path}: no such mesh file")
@@ -75,11 +71,8 @@ def read_placed(
 
 
 def checked_mesh(surface: UncheckedMesh, path: str | os.PathLike[str]) -> Mesh:
-    """Check all of a mesh.
-
-    path: of its file, for messages. Raises InputError for what cannot be lit. Warns with a DataWarning as `read_mesh`
-    does.
-    """
+    """Check all of a mesh. path: of its file, for messages. Raises InputError for what cannot be lit. Warns with a
+    DataWarning as `read_mesh` does."""
     points, corners, normals, colors, moved = surface
     if len(corners) == 0:
         raise InputError(f"{path}: holds no triangles; expected a triangle mesh")
@@ -89,9 +82,9 @@ def checked_mesh(surface: UncheckedMesh, path: str | os.PathLike[str]) -> Mesh:
         raise InputError(f"{path}: {bad} of {len(points)} vertices are not finite; repair the mesh first")
     if moved is not None:
         warnings.warn(f"{path}: {too_far(moved)}", DataWarning, stacklevel=5)
-    far = np.count_nonzero((np.abs(points) > LARGEST_COORDINATE).any(axis=1))
+    far = np.count_nonzero((np.abs(points) > ABSURD_LENGTH).any(axis=1))
     if far:
-        most = f"{LARGEST_COORDINATE:g}"
+        most = f"{ABSURD_LENGTH:g}"
         raise InputError(f"{path}: {far} of {len(points)} vertices lie beyond +-{most}; repair the mesh first")
     vertices = points.astype(np.float32)
     faces = corners.astype(np.int32)
@@ -133,10 +126,7 @@ _FACE = [("count", "u1"), ("indices", "<i4", 3)]
 
 
 def mesh_from_ply_bytes(data: bytes) -> Mesh:
-    """Return the Mesh of the bytes that `mesh_ply_bytes` made, bit by bit.
-
-    Raises InputError for others.
-    """
+    """Return the Mesh of the bytes that `mesh_ply_bytes` made, bit by bit. Raises InputError for others."""
     header, mark, body = data.partition(b"end_header\n")
     words = header.split()
     try:

@@ -49,12 +49,10 @@ def read_obj(path: str | os.PathLike[str], painted: bool = True) -> UncheckedMes
 
 
 class _Parsed:
-    """Lines of an OBJ, by keyword.
-
-    places, texels, normals: lists of lists of float. corners: three numbers for each, from 0: place, texel, normal, -1
-    for none. counts: corners of each face. materials: names as they are used, None before the first, with their
-    numbers. material_of: number of the material of each face. libraries: names of files.
-    """
+    """Lines of an OBJ, by keyword. places, texels, normals: lists of lists of float. corners: three numbers for each,
+    from 0: place, texel, normal, -1 for none. counts: corners of each face. materials: names as they are used, None
+    before the first, with their numbers. material_of: number of the material of each face. libraries: names of
+    files."""
 
     def __init__(self, path: Path) -> None:
         self.places: list[list[float]] = []

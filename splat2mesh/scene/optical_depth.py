@@ -25,10 +25,8 @@ class OpticalDepth(NamedTuple):
 
     @classmethod
     def of_levels(cls, origins: ArrayLike, cells: ArrayLike, levels: Sequence[NDArray[Any]]) -> "OpticalDepth":
-        """Make it of grids, rounded as they are kept.
-
-        origins: (L, 3), lowest corners. cells: (L,), sides of cells. levels: sequence of (X, Y, Z).
-        """
+        """Make it of grids, rounded as they are kept. origins: (L, 3), lowest corners. cells: (L,), sides of cells.
+        levels: sequence of (X, Y, Z)."""
         shapes = np.array([level.shape for level in levels], np.int64)
         starts = np.concatenate([[0], np.cumsum(shapes.prod(axis=1))[:-1]]).astype(np.int64)
         kept = _bytes(np.concatenate([level.ravel() for level in levels]))
@@ -45,10 +43,8 @@ class OpticalDepth(NamedTuple):
 
     @classmethod
     def restored(cls, arrays: Mapping[str, NDArray[Any]]) -> "OpticalDepth | None":
-        """Make it of what `arrays` gave.
-
-        None where it is not among them. Raises ValueError for parts that do not fit.
-        """
+        """Make it of what `arrays` gave. None where it is not among them. Raises ValueError for parts that do not
+        fit."""
         if "depth_bytes" not in arrays:
             return None
         origins, cells, shapes = (arrays[f"depth_{name}"] for name in ("origins", "cells", "shapes"))

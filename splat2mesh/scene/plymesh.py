@@ -19,11 +19,8 @@ LISTS = ("vertex_indices", "vertex_index")
 
 
 def read_ply(path: str | os.PathLike[str]) -> UncheckedMesh:
-    """Read a PLY, row by row.
-
-    Raises InputError for one that is damaged, cut short, or no mesh. Warns with a DataWarning of one without colours
-    whose texture is not read.
-    """
+    """Read a PLY, row by row. Raises InputError for one that is damaged, cut short, or no mesh. Warns with a
+    DataWarning of one without colours whose texture is not read."""
     ply = Ply.open(path)
     names = ply.elements["vertex"].properties if "vertex" in ply.elements else {}
     if not {"x", "y", "z"} <= names.keys() or "list" in names.values():

@@ -49,11 +49,8 @@ def source_splats(scene: Scene, path: str | os.PathLike[str] | None = None) -> t
 
 
 def source_parts(scene: Scene, path: str | os.PathLike[str] | None = None) -> list[SourcePart]:
-    """Read the splats a scene was made from, file by file.
-
-    path: as for `source_splats`. One for each object of a layout, in its order. Raises InputError as
-    `source_splats` does.
-    """
+    """Read the splats a scene was made from, file by file. path: as for `source_splats`. One for each object of a
+    layout, in its order. Raises InputError as `source_splats` does."""
     own, entries = _entries(scene)
     if path is not None and not Path(path).exists():
         raise InputError(f"`splat` {path}: no such file or folder")
@@ -77,11 +74,8 @@ def source_parts(scene: Scene, path: str | os.PathLike[str] | None = None) -> li
 
 
 def describe(path: str | os.PathLike[str], lod: int | str = "auto") -> dict[str, Any]:
-    """Return the record of a scene's source, by which it can be found again.
-
-    lod: level of detail, as for `read_splats`. Returns file, sha256 and path; of a streamed SOG also lod, the number of
-    the level.
-    """
+    """Return the record of a scene's source, by which it can be found again. lod: level of detail, as for
+    `read_splats`. Returns file, sha256 and path; of a streamed SOG also lod, the number of the level."""
     found = absolute(path)
     level = parts_of(found, lod).level
     described = {"file": Path(found).name, "sha256": fingerprint(found, lod), "path": found}
@@ -89,11 +83,8 @@ def describe(path: str | os.PathLike[str], lod: int | str = "auto") -> dict[str,
 
 
 def fingerprint(path: str | os.PathLike[str], lod: int | str = "auto") -> str:
-    """Return the SHA-256 of everything that `read_splats` reads of a path, in its order.
-
-    Hexadecimal. A tile that is an unbundled SOG counts with all files of its folder, in the order of their
-    names.
-    """
+    """Return the SHA-256 of everything that `read_splats` reads of a path, in its order. Hexadecimal. A tile that is an
+    unbundled SOG counts with all files of its folder, in the order of their names."""
     digest = hashlib.sha256()
     for part in parts_of(path, lod).files:
         folder = part.parent if part.name == META else part

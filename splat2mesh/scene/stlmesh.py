@@ -22,10 +22,7 @@ _FACET_TEXT = re.compile(
 
 
 def read_stl(path: str | os.PathLike[str]) -> UncheckedMesh:
-    """Read an STL, binary or ascii.
-
-    Raises InputError for one that is cut short or damaged.
-    """
+    """Read an STL, binary or ascii. Raises InputError for one that is cut short or damaged."""
     size = os.path.getsize(path)
     with open(path, "rb") as file:
         head = file.read(_HEADER_BYTES + _COUNT_BYTES)

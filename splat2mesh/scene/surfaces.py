@@ -34,11 +34,8 @@ FAR = 1e-4
 
 
 def centred(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
-    """Move a mesh to the origin if it is so far away that float32 would lose it.
-
-    points: (N, 3) float64. Returns points: (N, 3) float64; moved: (3,) float64, or None, what was taken off; None where
-    nothing was.
-    """
+    """Move a mesh to the origin if it is so far away that float32 would lose it. points: (N, 3) float64. Returns
+    points: (N, 3) float64; moved: (3,) float64, or None, what was taken off; None where nothing was."""
     finite = points[np.isfinite(points).all(axis=1)]
     if not len(finite):
         return points, None
@@ -51,19 +48,14 @@ def centred(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[n
 
 
 def too_far(moved: NDArray[np.float64]) -> str:
-    """Return what a warning says of a mesh that `centred` moved.
-
-    moved: (3,) float64, what was taken off.
-    """
+    """Return what a warning says of a mesh that `centred` moved. moved: (3,) float64, what was taken off."""
     shift = ", ".join(f"{-part:.10g}" for part in moved)
     return f"too far from the origin for float32, moved by ({shift}); lamps and objects keep to its own coordinates"
 
 
 def frame_from_own(moved: NDArray[np.float64] | None) -> NDArray[np.float64]:
-    """Return the matrix that leads from the coordinates of a mesh to those that `centred` gave it.
-
-    moved: (3,) float64, or None, what was taken off; None for nothing. Returns (4, 4) float64.
-    """
+    """Return the matrix that leads from the coordinates of a mesh to those that `centred` gave it. moved: (3,) float64,
+    or None, what was taken off; None for nothing. Returns (4, 4) float64."""
     matrix = np.eye(4)
     matrix[:3, 3] = 0.0 if moved is None else -moved
     return matrix
@@ -89,11 +81,8 @@ def fans(corners: NDArray, counts: NDArray, path: str | os.PathLike[str]) -> NDA
 
 
 def check_corners(faces: NDArray, count: int, path: str | os.PathLike[str]) -> None:
-    """Check that faces name vertices that are there, before anything follows the name.
-
-    faces: (F, 3) integers. count: of the vertices. path: of the file, for the message. Raises InputError where one does
-    not.
-    """
+    """Check that faces name vertices that are there, before anything follows the name. faces: (F, 3) integers. count:
+    of the vertices. path: of the file, for the message. Raises InputError where one does not."""
     if len(faces) and (faces.min() < 0 or faces.max() >= count):
         raise InputError(f"{path}: a face names a vertex beyond the {count} there are; export it again")
 

@@ -20,10 +20,8 @@ REASONS = {
 
 
 def usable(splats: Splats) -> tuple[NDArray[np.bool_], dict[str, int]]:
-    """Find the splats that `clean` keeps.
-
-    Returns keep: (N,) bool; counts: those that are dropped, by reason; each counts once.
-    """
+    """Find the splats that `clean` keeps. Returns keep: (N,) bool; counts: those that are dropped, by reason; each
+    counts once."""
     counts, keep = {}, np.ones(len(splats), bool)
     for name, rows in _faults(splats).items():
         counts[name] = int(np.count_nonzero(rows & keep))

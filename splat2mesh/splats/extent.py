@@ -29,9 +29,10 @@ def check_extent(splats: Splats) -> None:
     low, high = np.percentile(places, [1, 99], axis=0)
     span = float(np.linalg.norm(high - low))
     if span < SMALLEST_SPAN:
+        factor = 10.0 ** -np.round(np.log10(max(span, 1e-30)))
         raise InputError(
             f"the splats span {span:.1g} units, expected at least {SMALLEST_SPAN:g}: "
-            f"scale them up in an editor, such as SuperSplat, by {_power_of_ten(1.0 / max(span, 1e-30)):.0e} or so"
+            f"scale them up in an editor, such as SuperSplat, by {factor:.0e} or so"
         )
     away = float(np.abs(np.median(places, axis=0)).max())
     width = float(np.median(splats.scales[::step].max(axis=1)))
@@ -42,7 +43,3 @@ def check_extent(splats: Splats) -> None:
         if steps > TOO_COARSE:
             raise InputError(f"{found}: {advice}")
         warnings.warn(f"{found}, and their surface is rough: {advice}", DataWarning, stacklevel=3)
-
-
-def _power_of_ten(number: float) -> float:
-    return float(10.0 ** np.round(np.log10(number)))

@@ -34,10 +34,7 @@ class FileFacts:
     offset: Vector3 = HERE
 
     def turned(self, linear: NDArray[np.float64]) -> "FileFacts":
-        """Return the facts in another frame.
-
-        linear: (3, 3), new_from_old, a rotation times a scale.
-        """
+        """Return the facts in another frame. linear: (3, 3), new_from_old, a rotation times a scale."""
         up = self.up
         if up is not None:
             turned = linear @ np.asarray(up)
@@ -85,10 +82,8 @@ def comments_of(facts: FileFacts) -> list[str]:
 
 
 def common(facts: Sequence[FileFacts]) -> FileFacts:
-    """Return what several files say together: a fact on which two differ is none.
-
-    facts: at least one. Returns FileFacts at the offset of the first that has one.
-    """
+    """Return what several files say together: a fact on which two differ is none. facts: at least one. Returns
+    FileFacts at the offset of the first that has one."""
     first = facts[0]
     one: dict[str, Any] = {name: getattr(first, name) for name in ("antialiased", "frame", "metres")}
     one = {name: value for name, value in one.items() if all(getattr(each, name) == value for each in facts)}

@@ -41,10 +41,7 @@ def at_offset(
     splats: Splats,
     offset: tuple[float, float, float],  # of the new means
 ) -> NDArray[np.float32]:
-    """Return the means of splats beside another offset than theirs.
-
-    Returns (N, 3) float32.
-    """
+    """Return the means of splats beside another offset than theirs. Returns (N, 3) float32."""
     if splats.facts.offset == offset:
         return splats.means
     apart = np.subtract(splats.facts.offset, offset)

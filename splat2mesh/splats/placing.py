@@ -21,10 +21,8 @@ def similarity(
     rotation: ArrayLike | None = None,  # (3, 3)
     translation: ArrayLike = (0.0, 0.0, 0.0),
 ) -> NDArray[np.float64]:
-    """Return the matrix of p -> scale * rotation @ p + translation.
-
-    rotation: (3, 3), or None, none turns nothing. translation: (3,). Returns (4, 4) float64.
-    """
+    """Return the matrix of p -> scale * rotation @ p + translation. rotation: (3, 3), or None, none turns nothing.
+    translation: (3,). Returns (4, 4) float64."""
     matrix = np.eye(4)
     matrix[:3, :3] = scale * np.asarray(np.eye(3) if rotation is None else rotation)
     matrix[:3, 3] = translation
@@ -71,7 +69,10 @@ def placed(splats: Splats, matrix: ArrayLike) -> Splats:
             splats,
             means=means,
             scales=splats.scales * scale,
-            quats_wxyz=_times(_quat_wxyz(rotation), splats.quats_wxyz.astype(np.float64)),
+            quats_wxyz=_times(
+                np.roll(scipy.spatial.transform.Rotation.from_matrix(rotation).as_quat(), 1),
+                splats.quats_wxyz.astype(np.float64),
+            ),
             sh=_turned(splats.sh, sh_rotation_3dgs(rotation, splats.degree)),
             facts=splats.facts.turned(scale * rotation),
         )
@@ -96,10 +97,8 @@ def reframed(splats: Splats, matrix: ArrayLike) -> Splats:
 
 
 def placed_mesh(mesh: Any, matrix: ArrayLike) -> Any:
-    """Return a mesh as seen in another frame.
-
-    mesh: of `scene.mesh`. matrix: (4, 4), similarity, new_from_old. Raises InputError for any other transform.
-    """
+    """Return a mesh as seen in another frame. mesh: of `scene.mesh`. matrix: (4, 4), similarity, new_from_old. Raises
+    InputError for any other transform."""
     scale, rotation, translation = parts_of(matrix)
     vertices = mesh.vertices.astype(np.float64) @ (scale * rotation).T + translation
     normals = mesh.normals.astype(np.float64) @ rotation.T
@@ -142,10 +141,6 @@ def _turned(sh: NDArray[np.float32], matrix: NDArray[np.float64]) -> NDArray[np.
         rows = slice(start, start + BLOCK)
         turned[rows, 1:] = np.matmul(matrix[1:, 1:], sh[rows, 1:])
     return turned
-
-
-def _quat_wxyz(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
-    return scipy.spatial.transform.Rotation.from_matrix(rotation).as_quat()[[3, 0, 1, 2]]
 
 
 def _times(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:

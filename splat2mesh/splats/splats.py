@@ -17,6 +17,8 @@ from .zorder import rows_along_curve
 
 # The 3DGS rasteriser skips a Gaussian where its alpha is below this: a fainter one never reaches a pixel.
 INVISIBLE_OPACITY = 1 / 255
+# Above this opacity a Gaussian counts as part of a surface, below it as haze about one.
+SOLID = 0.3
 # Squares of lengths, and sums of them, must stay far inside float32 (3.4e38).
 ABSURD_LENGTH = 1e15
 # A scale of exactly zero is an underflow of exp. Raised to this share of the splat's largest scale it still

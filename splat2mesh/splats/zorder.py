@@ -28,10 +28,8 @@ def rows_along_curve(points: NDArray[np.float32]) -> NDArray[np.int64]:
 
 
 def bits_apart(values: NDArray[Any]) -> NDArray[Any]:
-    """Put two zeros before each bit of ten-bit integers: 0b11 becomes 0b1001.
-
-    values: uint64, any shape, below 1024. Returns uint64: the same shape.
-    """
+    """Put two zeros before each bit of ten-bit integers: 0b11 becomes 0b1001. values: uint64, any shape, below 1024.
+    Returns uint64: the same shape."""
     for shift, mask in ((16, 0x030000FF), (8, 0x0300F00F), (4, 0x030C30C3), (2, 0x09249249)):
         values = (values | values << shift) & mask
     return values

@@ -13,12 +13,10 @@ from numpy.typing import NDArray
 from ..base.arrays import Faces, Floats, Integers, Points, Vector
 from ..base.kernels import kernel
 from ..base.threads import shared
+from ..render.view import stacked
 from .dualmesh import dual_mesh
 from .octree import Corners, corners_of, leaves_of, requested_cells
-from .sight import FusionSight
-
-NARROW, WIDE = 2.0, 8.0
-"""Cells within which the distance field is kept on either side of the surface: least, and most where it is thick."""
+from .sight import FusionSight, Truncation
 
 ENOUGH_WEIGHT = 0.003
 """Sum of weights that a corner needs before it takes part in the surface."""
@@ -40,21 +38,20 @@ def fuse_adaptively(
     sights: Sequence[FusionSight], origin: Vector, stage: Callable[[int], None] = lambda count: None
 ) -> tuple[NDArray[np.float64], Faces, Floats]:
     """Fuse Sights: returns world vertices (V, 3) float64, faces (F, 3) int32 and the side of each vertex's cell (V,).
-
-    origin: (3,) float64 in the middle of the place: numbers stay small around it.
-    """
+    origin: (3,) float64 in the middle of the place: numbers stay small around it."""
     finest = min(float(sight.step[sight.weight > 0].min()) for sight in sights if (sight.weight > 0).any())
     larger = 1.0
     while True:
         steps = [sight.step * np.float32(larger) for sight in sights]
-        requested = requested_cells(sights, steps, origin, finest * larger, NARROW, WIDE, MOST_CELLS)
+        truncation = Truncation(finest * larger)
+        requested = requested_cells(sights, steps, origin, truncation, MOST_CELLS)
         if requested is not None:
             break
         larger *= 1.2
-    finest *= larger
+    finest = truncation.finest
     leaves = leaves_of(requested)
     corners = corners_of(leaves)
-    maps, truncation = packed(sights, origin), Truncation(finest, NARROW, WIDE, np.inf)
+    maps = packed(sights, origin)
     values, weights = np.zeros(len(corners.positions), np.float32), np.zeros(len(corners.positions), np.float32)
     batches = -(-len(values) // BATCH)
     dealt = np.random.default_rng(0).permutation(batches)
@@ -63,19 +60,6 @@ def fuse_adaptively(
         stage(1)
     vertices, faces, levels = dual_mesh(leaves, corners, values, weights, ENOUGH_WEIGHT)
     return vertices * finest + origin, faces, finest * 2.0**levels
-
-
-class Truncation(NamedTuple):
-    """The distance from a surface within which a view gives evidence of space.
-
-    finest: side of the smallest cell, world units. narrow, wide: cells on either side of a surface, least and most.
-    carve: along z, world units, how far in front of a surface space counts as seen to be free.
-    """
-
-    finest: float
-    narrow: float
-    wide: float
-    carve: float
 
 
 class PackedSights(NamedTuple):
@@ -98,29 +82,22 @@ class PackedSights(NamedTuple):
 
 def packed(sights: Sequence[FusionSight], origin: Vector) -> PackedSights:
     """All maps of some sights for the kernel; origin: (3,) world."""
-    poses, lenses, square_starts, squares = [], [], [], []
-    sizes = np.array([[sight.view.height, sight.view.width] for sight in sights])
-    ends = sizes.prod(axis=1).cumsum()
-    pixels = np.empty((ends[-1], 7), np.float32)
+    stack = stacked([sight.view for sight in sights])
+    square_starts, squares, pixels = [], [], np.empty((stack.sizes.prod(axis=1).sum(), 7), np.float32)
     square_start = 0
-    for sight, end in zip(sights, ends, strict=True):
+    for sight, pose, start in zip(sights, stack.poses, stack.starts, strict=True):
         view = sight.view
-        pose = view.camera_from_world[:3].copy()
         pose[:, 3] += pose[:, :3] @ origin
-        poses.append(pose)
-        lenses.append([view.fx, view.fy, view.cx, view.cy])
         square_starts.append(square_start)
         seen = sight.weight > 0
         row = np.concatenate([sight.plane, np.stack([sight.weight, sight.spread, sight.step], axis=-1)], axis=-1)
-        pixels[end - seen.size : end] = np.where(seen[..., None], row, 0).reshape(-1, 7)
+        pixels[start : start + seen.size] = np.where(seen[..., None], row, 0).reshape(-1, 7)
         rows, columns = -(-view.height // COARSE), -(-view.width // COARSE)
         deepest = np.zeros((rows * COARSE, columns * COARSE), np.float32)
         deepest[: view.height, : view.width] = np.where(seen, sight.plane[..., 3] + 3 * sight.spread, 0)
         squares.append(deepest.reshape(rows, COARSE, columns, COARSE).max(axis=(1, 3)).ravel())
         square_start += rows * columns
-    starts = ends - sizes.prod(axis=1)
-    lists = np.array(poses), np.array(lenses), sizes, starts, np.array(square_starts)
-    return PackedSights(*lists, pixels, np.concatenate(squares))
+    return PackedSights(*stack, np.array(square_starts), pixels, np.concatenate(squares))
 
 
 @shared

@@ -14,16 +14,13 @@ from numpy.typing import NDArray
 from ..base.arrays import ColorsSrgb, Directions, Floats, Indices, Integers, Points, Vector
 from ..base.kernels import kernel
 from ..base.threads import shared
-from ..render.opacityfield import FieldDepth
-from ..render.view import View
+from ..render.view import stacked
 from ..scene.color import bytes_from_unit
 from .color import RenderedPicture
+from .sight import LEAST_COSINE, Sighting
 
 TOLERANCE = 0.02
 """Largest distance of a seen point from the rendered depth, in units of that depth."""
-
-LEAST_COSINE = 0.05
-"""Cosine of the angle at which a point must at least be seen."""
 
 THINNEST = 0.002
 """Thickness, in units of the distance, below which no picture is trusted more for seeing a thinner surface."""
@@ -56,18 +53,14 @@ class Album(NamedTuple):
     thickness: NDArray[np.float32]
 
     @classmethod
-    def from_depths(cls, views: Sequence[View], seen: Sequence[FieldDepth], thickness: Sequence[Floats]) -> "Album":
-        """From lists of View, of what each sees (FieldDepth), and of the thickness (H, W) there."""
-        sizes = np.array([[view.height, view.width] for view in views])
+    def of(cls, shots: Sequence[Sighting]) -> "Album":
+        """The pictures of some Sightings."""
         return cls(
-            np.array([view.camera_from_world[:3] for view in views]),
-            np.array([[view.fx, view.fy, view.cx, view.cy] for view in views], float),
-            sizes,
-            np.concatenate([[0], sizes.prod(axis=1).cumsum()[:-1]]),
-            np.concatenate([bytes_from_unit(each.color).reshape(-1, 3) for each in seen]),
-            np.concatenate([each.depth.ravel() for each in seen]),
-            np.concatenate([each.spread.ravel() for each in seen]),
-            np.concatenate([each.ravel().astype(np.float32) for each in thickness]),
+            *stacked([shot.view for shot in shots]),
+            np.concatenate([bytes_from_unit(shot.seen.color).reshape(-1, 3) for shot in shots]),
+            np.concatenate([shot.seen.depth.ravel() for shot in shots]),
+            np.concatenate([shot.seen.spread.ravel() for shot in shots]),
+            np.concatenate([shot.thickness.ravel().astype(np.float32) for shot in shots]),
         )
 
     @classmethod
@@ -80,13 +73,9 @@ class Album(NamedTuple):
     @classmethod
     def from_pictures(cls, pictures: Sequence[RenderedPicture]) -> "Album":
         """From a list of color.RenderedPicture; how deep a surface reaches is taken from its thickness."""
-        sizes = np.array([picture.depth.shape for picture in pictures])
         thickness = np.concatenate([picture.thickness.ravel() for picture in pictures])
         return cls(
-            np.array([picture.view.camera_from_world[:3] for picture in pictures]),
-            np.array([[p.view.fx, p.view.fy, p.view.cx, p.view.cy] for p in pictures], float),
-            sizes,
-            np.concatenate([[0], sizes.prod(axis=1).cumsum()[:-1]]),
+            *stacked([picture.view for picture in pictures]),
             np.concatenate([picture.color.reshape(-1, 3) for picture in pictures]),
             np.concatenate([picture.depth.ravel() for picture in pictures]),
             thickness,

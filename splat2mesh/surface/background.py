@@ -7,10 +7,12 @@ import numpy as np
 
 from ..base.arrays import Mask, Vector
 from ..base.calibration import NOT_RECORDED, Provenance
+from ..base.sphere import level_directions
 from ..render.view import View
-from ..splats.splats import Splats
+from ..splats.splats import SOLID, Splats
+from ..views.eyes import Eye, around
 from ..views.ground import weighted_median
-from ..views.viewpoints import bounds_of
+from ..views.viewpoints import bounds_of, near_plane
 
 
 @dataclass(frozen=True)
@@ -32,14 +34,12 @@ class BackgroundCalibration:
 
 BACKGROUND = BackgroundCalibration()
 
-SOLID = 0.3
-"""Opacity above which a splat is solid enough to be counted here."""
 
 ENVIRONMENT_FROM = 5.0
 """Percentile of the distances of the environment that a capture keeps apart, above which the background begins."""
 
-EYES, FOV_DEG = 4, 95.0
-"""Places to look around from, and the angle of each of their six views: a little over a cube's, so they overlap."""
+EYES = 4
+"""Places to look around from."""
 
 
 def far_background(splats: Splats) -> Mask:
@@ -70,19 +70,8 @@ def foreground_ball(splats: Splats) -> tuple[Vector, float, Mask]:
 
 
 def views_from_within(foreground: Splats, pixels: int, up: Vector) -> list[View]:
-    """Views all around from places in the middle of a foreground (Splats): a list of View of `pixels` squared.
-
-    up: (3,) unit, the up direction in the splat's frame.
-    """
-    low, high = bounds_of(foreground)
-    center, reach = (low + high) / 2.0, np.ptp([low, high], axis=0) / 4.0
-    ahead = np.linalg.svd(up[None])[2][1]
-    axes = np.stack([ahead, np.cross(up, ahead), up])
-    turns = (np.arange(EYES) + 0.5) * 2.0 * np.pi / EYES
-    eyes = [center + reach * (np.cos(turn) * axes[0] + np.sin(turn) * axes[1]) for turn in turns]
-    tops = [up, up, ahead] * 2  # along the same axes as the directions, lest the views up and down be askew: gaps
-    return [
-        View.look_at(eye, eye + direction, top, FOV_DEG, pixels)
-        for eye in eyes
-        for direction, top in zip(np.concatenate([axes, -axes]), tops, strict=True)
-    ]
+    """Views all around from places in the middle of a foreground (Splats): a list of View of `pixels` squared. up: (3,)
+    unit, the up direction in the splat's frame."""
+    bounds = bounds_of(foreground)
+    centers = bounds.mean(axis=0) + np.ptp(bounds, axis=0) / 4.0 * level_directions(up, EYES)
+    return around([Eye(center, near_plane(bounds)) for center in centers], pixels, up)[0]

@@ -10,25 +10,20 @@ from ..base.arrays import Directions, Floats, Mask, Matrix4, Vector
 from ..base.sphere import texel_directions
 from ..render.rasterize import rasterize
 from ..render.view import View
-from ..scene.color import linear_from_srgb
+from ..scene.color import CLIPPED_SRGB, linear_from_srgb
 from ..scene.measured import SKY_HEIGHT, SKY_WIDTH, CapturedSky
 from ..splats.splats import Splats
+from ..views.eyes import FOV_DEG
 from ..views.viewpoints import bounds_of
 
 FACE_PIXELS = 192
 """Side of each of the six pictures that are drawn: half a degree, a quarter of a texel."""
-
-FACE_FOV_DEG = 92.0
-"""A little over a cube's, so that no direction falls between two pictures."""
 
 SUBSAMPLES = 4
 """Samples along a side of each texel."""
 
 SEEN = 0.5
 """Alpha from which a direction counts as seen: below it is the fringe of a splat that no photograph showed alone."""
-
-CLIPPED_SRGB = 0.97
-"""Display value from which a photograph may have been clipped: splats ring about 1 by a few steps of a byte."""
 
 MIN_COVERAGE = 0.01
 """Least part of the sphere: a smaller sky carries no information on the light."""
@@ -74,7 +69,7 @@ def _looked_up(splats: Splats, eye: Vector, directions: Directions) -> tuple[Flo
     near = 1e-3 * float(np.median(np.linalg.norm(splats.means - eye.astype(np.float32), axis=1)))
     for index, axis in enumerate(axes):
         rows = np.flatnonzero(face == index)
-        view = View.look_at(eye, eye + axis, axes[(index + 1) % 3], FACE_FOV_DEG, FACE_PIXELS)
+        view = View.look_at(eye, eye + axis, axes[(index + 1) % 3], FOV_DEG, FACE_PIXELS)
         drawn = rasterize(splats, view, near)
         pixels, _ = view.project(eye + directions[rows])
         column, row = np.clip(pixels.astype(np.int64), 0, FACE_PIXELS - 1).T

@@ -7,10 +7,7 @@ from ..base.arrays import Floats, Indices, Points
 from ..scene.color import bytes_from_unit
 from ..scene.mesh import Mesh
 from ..splats.harmonics import SH_C0
-from ..splats.splats import Splats
-
-OPAQUE = 0.3
-"""Opacity from which a Gaussian becomes a card: a card hides all behind it, and fainter ones are haze."""
+from ..splats.splats import SOLID, Splats
 
 REACH = 0.05
 """Distance from the hull of leaves, in diagonals of the scene, up to which Gaussians belong to it."""
@@ -23,12 +20,9 @@ FACES = 2
 
 
 def leaf_splats(splats: Splats, surface: Points, hull: Mesh, diagonal: float) -> Indices:
-    """Rows of the splats that are leaves: opaque, and nearer to the hull than to the rest of the mesh.
-
-    splats: Splats in the frame of the hull. surface: (V, 3) vertices of the rest, which may be none.
-    diagonal: of the scene.
-    """
-    opaque = np.flatnonzero(splats.opacities > OPAQUE)
+    """Rows of the splats that are leaves: opaque, and nearer to the hull than to the rest of the mesh. splats: Splats
+    in the frame of the hull. surface: (V, 3) vertices of the rest, which may be none. diagonal: of the scene."""
+    opaque = np.flatnonzero(splats.opacities > SOLID)
     points = splats.means[opaque]
     to_hull, _ = scipy.spatial.cKDTree(hull.vertices).query(points, workers=-1)
     to_mesh = np.full(len(points), np.inf)

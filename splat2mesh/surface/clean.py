@@ -6,9 +6,15 @@ from typing import Any
 import numpy as np
 
 from ..base.arrays import Faces, Mask, Points
+from ..scene.leaves import connected
+from ..scene.mesh import edge_keys
 
 SMALLEST_COMPONENT = 0.02
 """Connected parts with fewer triangles than this share of the largest part's are floaters and are dropped."""
+
+SMALLEST_FACES = 100
+"""Faces of the raw surface of a place below which a part that hangs on nothing is a floater, however large the whole
+is."""
 
 
 def drop_small_components(mesh: Any) -> int:
@@ -19,6 +25,18 @@ def drop_small_components(mesh: Any) -> int:
     mesh.remove_triangles_by_mask(small[cluster])
     mesh.remove_unreferenced_vertices()
     return int(small.sum())
+
+
+def without_floaters(faces: Faces, fixed: Mask) -> tuple[Faces, int]:
+    """Faces without parts of less than SMALLEST_FACES, and how many parts went. Parts with a `fixed` vertex, (V,) bool,
+    stay: they go on beyond these faces."""
+    if not len(faces):
+        return faces, 0
+    part = connected(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]]]), len(fixed))
+    sizes = np.bincount(part[faces[:, 0]], minlength=int(part.max()) + 1)
+    small = (sizes < SMALLEST_FACES) & (sizes > 0)
+    small[np.unique(part[np.flatnonzero(fixed)])] = False
+    return faces[~small[part[faces[:, 0]]]], int(small.sum())
 
 
 def fill_holes(
@@ -79,18 +97,14 @@ def _border_loops(faces: Faces, count: int) -> Iterator[list[int]]:
 
 def _border_edges(faces: Faces, count: int) -> tuple[Faces, Faces]:
     """Edges of one face only, in that face's direction: starts and ends, (E,) each."""
-    starts, ends = faces.T.ravel(), np.roll(faces, -1, axis=1).T.ravel()
-    key = np.minimum(starts, ends).astype(np.int64) * count + np.maximum(starts, ends)
-    _, edge, uses = np.unique(key, return_inverse=True, return_counts=True)
-    alone = uses[edge] == 1
-    return starts[alone], ends[alone]
+    _, edge, uses = np.unique(edge_keys(faces, count), return_inverse=True, return_counts=True)
+    alone = (uses[edge.ravel()] == 1).reshape(faces.shape).T
+    return faces.T[alone], np.roll(faces, -1, axis=1).T[alone]
 
 
 def trim_borders(faces: Faces, seen: Mask) -> Faces:
-    """Faces (F', 3) without the ragged flaps at open borders: what hangs there and no view sees, (V,) bool, goes.
-
-    It goes face by face from the border inwards, up to the first vertex that was seen; inner vertices always stay.
-    """
+    """Faces (F', 3) without the ragged flaps at open borders: what hangs there and no view sees, (V,) bool, goes. It
+    goes face by face from the border inwards, up to the first vertex that was seen; inner vertices always stay."""
     while len(faces):
         loose = np.zeros(len(seen), bool)
         loose[_border_edges(faces, len(seen))[0]] = True

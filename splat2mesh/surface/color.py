@@ -12,21 +12,16 @@ from ..base.kernels import kernel
 from ..base.threads import in_slices, read_only
 from ..render.view import View
 from ..scene.color import bytes_from_unit
+from .sight import LEAST_COSINE
 
 DEPTH_TOLERANCE = 0.01
 """Largest distance of a seen vertex behind the rendered depth, in units of the mesh's radius."""
 
-FACING = 0.05
-"""Least cosine between the normal of a seen vertex and the direction to the eye."""
-
 
 @dataclass(frozen=True)
 class RenderedPicture:
-    """The kept arrays of a rendered view.
-
-    color: (H, W, 3) uint8 sRGB, over its own alpha. depth: (H, W) float32 camera z, NaN where empty.
-    thickness: (H, W) float32 of the surface along its normal, world units, NaN where unknown.
-    """
+    """The kept arrays of a rendered view. color: (H, W, 3) uint8 sRGB, over its own alpha. depth: (H, W) float32 camera
+    z, NaN where empty. thickness: (H, W) float32 of the surface along its normal, world units, NaN where unknown."""
 
     view: View
     color: np.ndarray
@@ -62,10 +57,8 @@ def vertex_colors(vertices: Points, normals: Directions, pictures: Sequence[Rend
 def vertex_thickness(
     vertices: Points, normals: Directions, pictures: Sequence[RenderedPicture], pixel: float
 ) -> Floats:
-    """Thickness of the surface at each vertex, (V,) float64 in world units, inf where no picture sees it.
-
-    A mean over the pictures that trusts the thinnest most; `pixel`, the size of a training pixel, is its scale.
-    """
+    """Thickness of the surface at each vertex, (V,) float64 in world units, inf where no picture sees it. A mean over
+    the pictures that trusts the thinnest most; `pixel`, the size of a training pixel, is its scale."""
     total, weights = np.zeros(len(vertices)), np.zeros(len(vertices))
     for picture in pictures:
         visible, columns, rows, frontal = _sees(picture, vertices, normals)
@@ -124,5 +117,5 @@ def _look_up(
             continue
         tx, ty, tz = center[0] - px, center[1] - py, center[2] - pz
         cosine = (normals[v, 0] * tx + normals[v, 1] * ty + normals[v, 2] * tz) / math.sqrt(tx * tx + ty * ty + tz * tz)
-        if cosine > FACING:
+        if cosine > LEAST_COSINE:
             pixels[v], frontal[v] = int(row) * width + int(column), cosine

@@ -8,10 +8,8 @@ from ..base.meshlibrary import open3d
 
 
 def decimate(points: Points, faces: Integers, vertices: int) -> tuple[NDArray[np.float64], Faces]:
-    """Quadric decimation of a mesh, points (V, 3) and faces (F, 3), to about `vertices` vertices, and cleaning.
-
-    Returns vertices (V, 3) float64 and faces (F, 3) int32, without degenerate faces and non-manifold edges.
-    """
+    """Quadric decimation of a mesh, points (V, 3) and faces (F, 3), to about `vertices` vertices, and cleaning. Returns
+    vertices (V, 3) float64 and faces (F, 3) int32, without degenerate faces and non-manifold edges."""
     import fast_simplification
 
     o3d = open3d()

@@ -6,7 +6,7 @@ sugar   points on a level of the density field, Poisson: the method of the SuGaR
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -14,26 +14,23 @@ from ..base.arrays import Floats
 from ..base.calibration import NOT_RECORDED, Provenance
 from ..base.errors import InputError
 from ..base.progress import Stages
+from ..render.footprints import DILATION as TRAINING_DILATION
 from ..render.opacitygrid import SCALES_PER_PIXEL
+from ..render.rasterize import rasterize
 from ..render.view import View
 from ..splats.merging import merged
 from ..splats.splats import Splats
 from ..views.viewpoints import bounds_of, near_plane
 from .color import RenderedPicture
-
-if TYPE_CHECKING:
-    from ..render.opacityfield import FieldDepth
-
-TRAINING_DILATION = 0.3
-"""Variance in square pixels that training added to every Gaussian on screen (Kerbl et al. 2023)."""
+from .fusion import PlaneMap, fuse
+from .sight import Sighting
+from .sugar import DensityField, SurfacePoints, poisson, surface_points
 
 
 @dataclass(frozen=True)
 class LevelCalibration:
-    """The opacity at which the surface of an object lies, by the median thickness of its surfaces.
-
-    thicknesses: in training pixels. levels: the opacity at each; between them it is interpolated, outside held.
-    """
+    """The opacity at which the surface of an object lies, by the median thickness of its surfaces. thicknesses: in
+    training pixels. levels: the opacity at each; between them it is interpolated, outside held."""
 
     provenance: ClassVar = Provenance(
         script="scripts/bench surface",
@@ -47,7 +44,7 @@ class LevelCalibration:
 
 LEVEL = LevelCalibration()
 
-LEVEL_PROBES, LEVEL_PROBE_PIXELS = 8, 128
+LEVEL_PROBES, PROBE_PIXELS = 8, 128
 """Views, and their pixels, in which the thickness is measured."""
 
 FINEST_VOXEL = 0.5
@@ -64,11 +61,8 @@ over those of one view."""
 
 @dataclass(frozen=True)
 class Effort:
-    """The amount of work for a surface.
-
-    views: rendered views, of `pixels` along the longer side. cells: voxels along the scene's diagonal (field).
-    depth: octree levels (sugar). points: surface points aimed at (sugar).
-    """
+    """The amount of work for a surface. views: rendered views, of `pixels` along the longer side. cells: voxels along
+    the scene's diagonal (field). depth: octree levels (sugar). points: surface points aimed at (sugar)."""
 
     views: int
     pixels: int
@@ -85,19 +79,15 @@ EFFORTS = {
 
 
 def training_pixel(splats: Splats) -> float:
-    """Size of a training pixel at the surface, in the splat's unit, read off the smallest solid Gaussians.
-
-    Trained cameras would give it directly, but the surface is no better for it (docs/surface.md).
-    """
+    """Size of a training pixel at the surface, in the splat's unit, read off the smallest solid Gaussians. Trained
+    cameras would give it directly, but the surface is no better for it (docs/surface.md)."""
     solid = splats.opacities > 0.5 if (splats.opacities > 0.5).any() else slice(None)
     return float(np.percentile(splats.scales.max(axis=1)[solid], 10)) / SCALES_PER_PIXEL
 
 
 def dilated(splats: Splats, pixel: float) -> Splats:
-    """The splats as training saw them: every Gaussian widened by the dilation of a training pixel.
-
-    Training fitted the dilated envelope to the photos, so that is where the surface is, not at the bare Gaussians.
-    """
+    """The splats as training saw them: every Gaussian widened by the dilation of a training pixel. Training fitted the
+    dilated envelope to the photos, so that is where the surface is, not at the bare Gaussians."""
     scales = np.sqrt(splats.scales**2 + np.float32(TRAINING_DILATION * pixel**2))
     return replace(splats, scales=scales.astype(np.float32))
 
@@ -128,22 +118,15 @@ def surface_level(look: Look) -> float:
     The Gaussians of a thin surface reach in front of it and are crossed early; where they pile up loosely, the surface
     lies nearer to their middle. Calibrated on trained scenes with true meshes: see docs/surface.md.
     """
-    from ..render.opacityfield import field_depth
-
     found: list[Floats] = [np.zeros(0)]
     for view in look.views[:: max(1, len(look.views) // LEVEL_PROBES)]:
-        view = view.resized(LEVEL_PROBE_PIXELS)
-        found.append(thickness_of(field_depth(look.splats, view, float(look.near[0])), view).ravel() / look.pixel)
+        shot = Sighting.taken(look.splats, view.resized(PROBE_PIXELS), look.near[0])
+        found.append(shot.thickness.ravel() / look.pixel)
     thickness = np.concatenate(found)
     thickness = thickness[np.isfinite(thickness)]
     if len(thickness) == 0:
         return LEVEL.levels[1]
     return float(np.interp(np.median(thickness), LEVEL.thicknesses, LEVEL.levels))
-
-
-def thickness_of(seen: "FieldDepth", view: View) -> Floats:
-    """How thick the surface is along its normal, (H, W) in world units, NaN where there is none: FieldDepth, View."""
-    return seen.spread * -(view.ray_directions() * seen.normal).sum(axis=-1)
 
 
 def extract(way: str, look: Look, effort: Effort, vertices: int, stages: Stages) -> tuple[Any, list[RenderedPicture]]:
@@ -156,9 +139,6 @@ def extract(way: str, look: Look, effort: Effort, vertices: int, stages: Stages)
 
 
 def _field(look: Look, effort: Effort, vertices: int, stages: Stages) -> tuple[Any, list[RenderedPicture]]:
-    from ..render.opacityfield import field_depth
-    from .fusion import PlaneMap, fuse
-
     with stages.stage("merge"):
         look = merged_look(look)
     splats, pixel, views, near = look
@@ -167,9 +147,10 @@ def _field(look: Look, effort: Effort, vertices: int, stages: Stages) -> tuple[A
     level = surface_level(look)
     with stages.stage("depth maps", total=len(views)) as advance:
         for view in views:
-            seen = field_depth(splats, view, float(near[0]), level)
+            shot = Sighting.taken(splats, view, near[0], level)
+            seen = shot.seen
             maps.append(PlaneMap.from_depth(view, seen.depth, seen.normal, seen.spread, diagonal / 2))
-            pictures.append(RenderedPicture.from_render(view, seen.color, seen.depth, thickness_of(seen, view)))
+            pictures.append(RenderedPicture.from_render(view, seen.color, seen.depth, shot.thickness))
             advance()
     _require_surface(sum(int(np.isfinite(picture.depth).sum()) for picture in pictures))
     voxel = diagonal / effort.cells
@@ -184,11 +165,8 @@ def _field(look: Look, effort: Effort, vertices: int, stages: Stages) -> tuple[A
 
 
 def merged_look(look: Look) -> Look:
-    """The same with Gaussians that are finer than its views merged, so the work follows what is seen.
-
-    A surface is seen in a third of the views or so, so its pixels are about three times those
-    of one view.
-    """
+    """The same with Gaussians that are finer than its views merged, so the work follows what is seen. A surface is seen
+    in a third of the views or so, so its pixels are about three times those of one view."""
     seen = SIDES_SEEN * max((view.width * view.height for view in look.views), default=0)
     together = int(len(look.splats) / (PER_PIXEL * seen)) if seen else 1
     if together < 2:
@@ -197,9 +175,6 @@ def merged_look(look: Look) -> Look:
 
 
 def _sugar(look: Look, effort: Effort, vertices: int, stages: Stages) -> tuple[Any, list[RenderedPicture]]:
-    from ..render.rasterize import rasterize
-    from .sugar import DensityField, SurfacePoints, poisson, surface_points
-
     splats, pixel, views, near = look
     field = DensityField(splats)
     found, pictures = [], []

@@ -64,10 +64,8 @@ def measured_of(
 
 
 def is_shell(points: Points, splats: Splats, volume: Floats) -> bool:
-    """Whether the splats of a volume lie along the surface of an object, and do not fill it.
-
-    points: (V, 3) of the mesh, in the splats' frame. volume: (N,) of the splats.
-    """
+    """Whether the splats of a volume lie along the surface of an object, and do not fill it. points: (V, 3) of the
+    mesh, in the splats' frame. volume: (N,) of the splats."""
     leafy = (volume > LEAST_LEAFY) & (splats.opacities > SOLID)
     if not leafy.any() or not len(points):
         return True

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..base.arrays import Floats, Indices, Integers, Vector
 from ..base.distinct import distinct
 from ..base.kernels import kernel
-from .sight import FusionSight
+from .sight import FusionSight, Truncation
 
 BITS = 19
 """Of each coordinate in a key; the level has what is left of 63."""
@@ -29,10 +29,7 @@ EMPTY = -1
 
 RECENT = 1 << 13
 """Slots of a small table of cells that a view asked for last: pixels side by side ask for the same, and it stays in the
-processor's cache, as the other does not."""
-
-FIRST_TABLE = 1 << 20
-"""Slots of the table of requested cells, which doubles as they become more: 8 MB."""
+processor's cache, as that of all requested cells does not. That one begins as small and doubles as they become more."""
 
 
 @kernel
@@ -120,26 +117,17 @@ def _mark(
 
 
 def requested_cells(
-    sights: Sequence[FusionSight],
-    steps: Iterable[Floats],
-    origin: Vector,
-    finest: float,
-    narrow: float,
-    wide: float,
-    most: int,
+    sights: Sequence[FusionSight], steps: Iterable[Floats], origin: Vector, truncation: Truncation, most: int
 ) -> Indices | None:
-    """Keys of the cells that the pixels of all views ask for: (C,) int64 sorted, or None for more than `most`.
-
-    sights: of `adaptive`. steps: list of (H, W), wanted sides of the cells, world units. origin: (3,) world.
-    finest: side of the smallest cell. narrow, wide: cells to mark on either side of the surface, least and most.
-    """
+    """Keys of the cells that the pixels of all views ask for: (C,) int64 sorted, or None for more than `most`. steps:
+    list of (H, W), wanted sides of the cells, world units. origin: (3,) world."""
     largest = 1 << int(np.ceil(np.log2(2.1 * most)))
-    table, count = np.full(min(FIRST_TABLE, largest), EMPTY, np.int64), 0
+    table, count = np.full(min(RECENT, largest), EMPTY, np.int64), 0
     for sight, step in zip(sights, steps, strict=True):
         use = sight.weight > 0
         rays = sight.view.ray_directions()[use]
         seen = sight.plane[..., 3][use].astype(np.float64), sight.spread[use].astype(np.float64)
-        arrays = *seen, sight.view.center - origin, step[use], finest, narrow, wide, OCTREE_LEVELS
+        arrays = *seen, sight.view.center - origin, step[use], *truncation[:3], OCTREE_LEVELS
         while (found := _mark(table, count, rays, *arrays)) < 0:
             if len(table) >= largest:
                 return None
@@ -153,10 +141,8 @@ def requested_cells(
 
 
 def leaves_of(requested: Indices) -> Indices:
-    """The leaves of the octree in which all requested cells are nodes: (L,) int64 sorted keys.
-
-    Where coarse and fine cells overlap the coarse ones are split, and keep their other children.
-    """
+    """The leaves of the octree in which all requested cells are nodes: (L,) int64 sorted keys. Where coarse and fine
+    cells overlap the coarse ones are split, and keep their other children."""
     by_level: list[Indices] = [np.zeros(0, np.int64)] * OCTREE_LEVELS
     levels = requested >> (3 * BITS)
     for level in range(OCTREE_LEVELS):

@@ -30,14 +30,10 @@ def openings(borders: Sequence[Points], pictures: Sequence[RenderedPicture], rad
     places, owner = np.concatenate(probes), np.repeat(np.arange(len(large)), [len(each) for each in probes])
     empty, there = np.zeros(len(places), np.int64), np.zeros(len(places), np.int64)
     for picture in pictures:
-        view = picture.view
-        pixels, depth = view.project(places)
-        inside = (depth > 0) & (pixels >= 0).all(axis=1) & (pixels < [view.width, view.height]).all(axis=1)
-        shown = np.flatnonzero(inside)
-        columns, rows = pixels[shown].astype(np.intp).T
-        seen = picture.depth[rows, columns]
+        shown, pixel, depth = picture.view.shown(places)
+        seen = picture.depth[tuple(pixel)]
         empty[shown] += np.isnan(seen)
-        there[shown] += np.abs(seen - depth[shown]) < tolerance
+        there[shown] += np.abs(seen - depth) < tolerance
     through = (empty >= 2) & (empty > there)
     found[large] = np.bincount(owner, weights=through) > 0.5 * np.bincount(owner)
     return found

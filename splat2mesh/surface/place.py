@@ -8,27 +8,24 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ..base.arrays import Faces, Floats, Indices, Mask, Points, Vector
+from ..base.arrays import Faces, Floats, Indices, Points, Vector
 from ..base.calibration import Provenance
+from ..base.choices import DEFAULT_VERTICES
 from ..base.errors import InputError
 from ..base.progress import Stages
-from ..render.opacityfield import FieldDepth, field_depth
 from ..render.view import View
 from ..scene.mesh import Mesh, vertex_normals
 from ..splats.splats import Splats
 from ..views.overhead import MOST_LEAK, Overhead
 from .adaptive import SLABS, fuse_adaptively
 from .album import Album, filled_in
-from .clean import fill_holes
+from .clean import fill_holes, without_floaters
 from .decimate import decimate
-from .extract import Look, dilated, thickness_of, training_pixel
+from .extract import PROBE_PIXELS, Look, dilated, training_pixel
 from .fair import fair
 from .refine import refine_by_color
-from .sight import FusionSight
+from .sight import FusionSight, Sighting
 from .simplify import simplify
-
-SMALLEST_FACES = 100
-"""Faces of the raw surface below which a part that hangs on nothing is a floater, however large the whole is."""
 
 
 @dataclass(frozen=True)
@@ -59,15 +56,15 @@ class PlaceCalibration:
 
 PLACE = PlaceCalibration()
 
-PROBES, PROBE_PIXELS = 12, 128
-"""Views, and their pixels, in which the fog is measured."""
+PROBES = 12
+"""Views in which the fog is measured."""
 
 FINEST_CELL = 0.7
 """Least side of a cell in training pixels: there is nothing finer in a splat."""
 
-SPARE, LEAST_VERTICES, MOST_VERTICES, SHAPE = 2.5, 50_000, 400_000, 0.75
-"""Where the number of vertices is left to the capture: vertices found for one that is kept, vertices at least and at
-most, and the part of the most that the shape may take, before colours ask for theirs."""
+SPARE, MOST_VERTICES, SHAPE = 2.5, 400_000, 0.75
+"""Where the number of vertices is left to the capture: vertices found for one that is kept, vertices at most, and the
+part of the most that the shape may take, before colours ask for theirs."""
 
 SAMPLED, LEAST_POINTS = 17, 100
 """Every so many pixels of a depth map count for the typical distance, and how many of these there are at least."""
@@ -94,27 +91,22 @@ def reconstruct_place(
     splats, pixel, views, near = look
     fog = _fog(splats, views, near)
     level = PLACE.level(fog)
-    seen = _seen(splats, views, near, level, stages)
-    depths = np.concatenate([each.depth[np.isfinite(each.depth)][::SAMPLED] for each in seen])
+    shots = _shots(splats, views, near, level, stages)
+    depths = np.concatenate([shot.seen.depth[np.isfinite(shot.seen.depth)][::SAMPLED] for shot in shots])
     if len(depths) < LEAST_POINTS:
         raise InputError(f"only {len(depths)} surface points were found: is this a splat of a place?")
-    distance, centers = float(np.median(depths)), _near_centers(views, seen)
+    distance, centers = float(np.median(depths)), _near_centers(shots)
     middle = np.median(centers, axis=0)
 
-    def developed(views: Sequence[View], seen: Sequence[FieldDepth]) -> tuple[list[FusionSight], Album]:
-        thicknesses = [thickness_of(each, view) for view, each in zip(views, seen, strict=True)]
-        sights = [
-            FusionSight.from_depth(view, each, thick, distance, FINEST_CELL * pixel, fog)
-            for view, each, thick in zip(views, seen, thicknesses, strict=True)
-        ]
-        return sights, Album.from_depths(views, seen, thicknesses)
+    def developed(shots: Sequence[Sighting]) -> tuple[list[FusionSight], Album]:
+        return [FusionSight.of(shot, distance, FINEST_CELL * pixel, fog) for shot in shots], Album.of(shots)
 
-    sights, album = developed(views, seen)
-    del seen
+    sights, album = developed(shots)
+    del shots
     points, faces, cells = _fused(sights, middle, stages)
     if overhead is not None and overhead.leak(points, faces) > MOST_LEAK:
         more, planes = overhead.views(max(views[0].width, views[0].height))
-        added, pictures = developed(more, _seen(splats, more, planes, level, stages))
+        added, pictures = developed(_shots(splats, more, planes, level, stages))
         views, near = [*views, *more], np.append(near, planes)
         album = Album.joined([album, pictures])
         points, faces, cells = _fused(sights + added, middle, stages)
@@ -123,9 +115,11 @@ def reconstruct_place(
     if len(faces) == 0:
         raise InputError("no surface is left after fusion: is this a splat of a place?")
     with stages.stage("clean"):
-        points, faces, cells, dropped = without_floaters(points, faces, cells)
+        faces, dropped = without_floaters(faces, np.zeros(len(points), bool))
+        used, corners = np.unique(faces, return_inverse=True)
+        points, faces, cells = points[used], corners.reshape(-1, 3).astype(np.int32), cells[used]
     found = len(points)
-    wanted = int(np.clip(found / SPARE, LEAST_VERTICES, MOST_VERTICES * SHAPE)) if vertices is None else vertices
+    wanted = int(np.clip(found / SPARE, DEFAULT_VERTICES, MOST_VERTICES * SHAPE)) if vertices is None else vertices
     with stages.stage("decimate"):
         longest = HOLE_CELLS * float(np.median(cells))
         points, faces, *_ = simplify(points, faces, cells, wanted)
@@ -145,14 +139,14 @@ def reconstruct_place(
     return Mesh(placed, normals, faces, colors), Look(splats, pixel, list(views), near), counts
 
 
-def _seen(splats: Splats, views: Sequence[View], near: Floats, level: float, stages: Stages) -> list[FieldDepth]:
-    """What views see of splats: a list of FieldDepth."""
-    seen = []
+def _shots(splats: Splats, views: Sequence[View], near: Floats, level: float, stages: Stages) -> list[Sighting]:
+    """What views show of splats."""
+    shots = []
     with stages.stage("depth maps", total=len(views)) as advance:
         for view, plane in zip(views, near, strict=True):
-            seen.append(field_depth(splats, view, float(plane), level))
+            shots.append(Sighting.taken(splats, view, plane, level))
             advance()
-    return seen
+    return shots
 
 
 def _fused(sights: Sequence[FusionSight], middle: Vector, stages: Stages) -> tuple[Points, Faces, Floats]:
@@ -161,31 +155,27 @@ def _fused(sights: Sequence[FusionSight], middle: Vector, stages: Stages) -> tup
     return points, faces, cells
 
 
-def _near_centers(views: Sequence[View], seen: Sequence[FieldDepth]) -> Points:
+def _near_centers(shots: Sequence[Sighting]) -> Points:
     """Where the half of the views that is nearest to what it sees stands, (E, 3): not the views from around."""
-    found = [each.depth[np.isfinite(each.depth)] for each in seen]
+    found = [shot.seen.depth[np.isfinite(shot.seen.depth)] for shot in shots]
     depths = np.array([np.median(depth) if len(depth) else np.inf for depth in found])
-    return np.array([view.center for view in views])[depths <= np.median(depths)]
+    return np.array([shot.view.center for shot in shots])[depths <= np.median(depths)]
 
 
 def _fog(splats: Splats, views: Sequence[View], near: Floats) -> float:
     """Median thickness of the surfaces that views see, over their distance."""
     found: list[Floats] = [np.zeros(0)]
     for probe in _probes(views):
-        small = views[probe].resized(PROBE_PIXELS)
-        seen = field_depth(splats, small, float(near[probe]))
-        found.append((thickness_of(seen, small) / seen.depth).ravel())
+        shot = Sighting.taken(splats, views[probe].resized(PROBE_PIXELS), near[probe])
+        found.append((shot.thickness / shot.seen.depth).ravel())
     ratios = np.concatenate(found)
     ratios = ratios[np.isfinite(ratios)]
     return float(np.median(ratios)) if len(ratios) else 0.0
 
 
 def _probes(views: Sequence[View]) -> Indices:
-    """Indices of the views in which the fog is measured.
-
-    Where views from around follow the eyes' six each, they are spread evenly: in a fixed step they would all look the
-    same few ways, as many of them up as there happens.
-    """
+    """Indices of the views in which the fog is measured. Where views from around follow the eyes' six each, they are
+    spread evenly: in a fixed step they would all look the same few ways, as many of them up as there happens."""
     step = max(1, len(views) // PROBES)
     evenly = np.arange(0, len(views), step)
     mixed = len({round(view.fx / view.width, 6) for view in views}) > 1
@@ -197,25 +187,4 @@ def parted(mesh: Mesh, center: Vector, radius: float) -> tuple[Mesh, Mesh | None
     outside = (np.linalg.norm(mesh.vertices - center, axis=1) > radius)[mesh.faces].all(axis=1)
     if not outside.any() or outside.all():
         return mesh, None
-    return _of_faces(mesh, ~outside), _of_faces(mesh, outside)
-
-
-def _of_faces(mesh: Mesh, chosen: Mask) -> Mesh:
-    used, corners = np.unique(mesh.faces[chosen], return_inverse=True)
-    faces = corners.reshape(-1, 3).astype(np.int32)
-    return Mesh(mesh.vertices[used], mesh.normals[used], faces, mesh.colors_srgb[used])
-
-
-def without_floaters(points: Points, faces: Faces, cells: Floats) -> tuple[Points, Faces, Floats, int]:
-    """The mesh, and its vertices' cells, without parts of less than SMALLEST_FACES faces, and how many they were."""
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-
-    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]]])
-    graph = coo_matrix((np.ones(len(edges), np.int8), edges.T), (len(points), len(points)))
-    count, part = connected_components(graph, directed=False)
-    sizes = np.bincount(part[faces[:, 0]], minlength=count)
-    small = sizes < SMALLEST_FACES
-    kept = faces[~small[part[faces[:, 0]]]]
-    used, kept = np.unique(kept, return_inverse=True)
-    return points[used], kept.reshape(-1, 3).astype(np.int32), cells[used], int((small & (sizes > 0)).sum())
+    return mesh.of_faces(~outside), mesh.of_faces(outside)

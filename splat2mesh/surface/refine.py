@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.arrays import Faces, Indices, Integers, Points
-from ..scene.mesh import vertex_normals
+from ..base.arrays import Faces, Integers, Points
+from ..scene.mesh import edge_ends, edge_keys, vertex_normals
 from .album import Album
 
 CONTRAST = 5.0
@@ -21,16 +21,15 @@ def refine_by_color(
     points: NDArray[np.float32], faces: Faces, album: Album, most: int
 ) -> tuple[NDArray[np.float32], Faces]:
     """Split edges until colours are straight along them: points (V, 3) float32 and faces (F, 3) int32 of a finer mesh.
-
-    album: Album. most: vertices at most; the strongest contrasts come first. The surface stays where it is.
-    """
+    album: Album. most: vertices at most; the strongest contrasts come first. The surface stays where it is."""
     for _ in range(SPLIT_ROUNDS):
         room = most - len(points)
         if room <= 0:
             break
         normals = vertex_normals(points, faces)
         colors, _, pixel = album.look_up(points, normals)
-        edges, of_face = _edges(faces, len(points))
+        keys, of_face = np.unique(edge_keys(faces, len(points)), return_inverse=True)
+        edges, of_face = edge_ends(keys, len(points)), of_face.reshape(-1, 3)
         a, b = edges.T
         length = np.linalg.norm(points[a] - points[b], axis=1)
         long = np.flatnonzero(length > SHORTEST_PIXELS * np.minimum(pixel[a], pixel[b]))
@@ -52,13 +51,6 @@ def refine_by_color(
         points = np.concatenate([points, (points[ends[:, 0]] + points[ends[:, 1]]) / 2])
         faces = _split(points, faces, number[of_face])
     return points, faces
-
-
-def _edges(faces: Faces, count: int) -> tuple[Indices, Indices]:
-    """Each edge once, (E, 2), and which three each face has, (F, 3): opposite no vertex but from corner k to k + 1."""
-    starts, ends = faces.astype(np.int64), np.roll(faces, -1, axis=1).astype(np.int64)
-    key, of_face = np.unique(np.minimum(starts, ends) * count + np.maximum(starts, ends), return_inverse=True)
-    return np.stack([key // count, key % count], axis=1), of_face.reshape(-1, 3)
 
 
 def _split(points: Points, faces: Faces, middles: Integers) -> Faces:

@@ -1,23 +1,57 @@
 """The data of one view on a surface, ready for fusion: depth, normal, weight, spread, and the wanted cell size."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..base.arrays import Floats
-from ..render.opacityfield import FieldDepth
+from ..render.opacityfield import FIELD_LEVEL, FieldDepth, field_depth
 from ..render.view import View
+from ..splats.splats import Splats
 
 LEAST_COSINE = 0.05
-"""Weight of a surface that is seen at a grazing angle: floors far away are seen no other way."""
+"""Cosine of the angle at which a point must at least be seen for its colour, and the weight of a surface that is seen
+at a more grazing one: floors far away are seen no other way."""
 
 SHARP = 0.03
 """Spread of a surface, in units of its distance, at which its weight is halved."""
 
+NARROW, WIDE = 2.0, 8.0
+"""Cells within which the distance field is kept on either side of the surface: least, and most where it is thick."""
+
 CELL_PIXELS, THICK_CELLS, MOST_THICK = 1.5, 4.0, 3.0
 """Side of a cell in pixels of the view that saw it, cells across a thick surface, and how far its thickness may enlarge
 the cells over what they are elsewhere at its distance."""
+
+
+class Sighting(NamedTuple):
+    """A view, what it shows, and how thick the surface is along its normal, (H, W) in world units, NaN where there is
+    none."""
+
+    view: View
+    seen: FieldDepth
+    thickness: Floats
+
+    @classmethod
+    def taken(cls, splats: Splats, view: View, near: float, level: float = FIELD_LEVEL) -> "Sighting":
+        """What a view shows of splats, as of `field_depth`."""
+        seen = field_depth(splats, view, float(near), level)
+        return cls(view, seen, seen.spread * -(view.ray_directions() * seen.normal).sum(axis=-1))
+
+
+class Truncation(NamedTuple):
+    """The distance from a surface within which a view gives evidence of space.
+
+    finest: side of the smallest cell, world units. narrow, wide: cells on either side of a surface, least and most.
+    carve: along z, world units, how far in front of a surface space counts as seen to be free.
+    """
+
+    finest: float
+    narrow: float = NARROW
+    wide: float = WIDE
+    carve: float = np.inf
 
 
 @dataclass(frozen=True)
@@ -36,14 +70,10 @@ class FusionSight:
     step: NDArray[np.float32]
 
     @classmethod
-    def from_depth(
-        cls, view: View, seen: FieldDepth, thickness: Floats, distance: float, finest: float, fog: float
-    ) -> "FusionSight":
-        """From a FieldDepth and its thickness (H, W) along the normal.
-
-        distance: typical of the place, world units: what is much farther away counts less. finest: least side of a
-        cell, world units. fog: typical thickness of the surfaces over their distance.
-        """
+    def of(cls, shot: Sighting, distance: float, finest: float, fog: float) -> "FusionSight":
+        """From a Sighting. distance: typical of the place, world units: what is much farther away counts less. finest:
+        least side of a cell, world units. fog: typical thickness of the surfaces over their distance."""
+        view, seen, thickness = shot
         rays = view.ray_directions().astype(np.float32)
         cosine = -(rays * seen.normal).sum(axis=-1) / np.linalg.norm(rays, axis=-1)
         weight = np.maximum(cosine, LEAST_COSINE)

@@ -11,6 +11,7 @@ import numpy as np
 from ..base.arrays import Faces, Floats, Indices, Integers, Mask, Points, Vector
 from ..base.kernels import kernel
 from ..base.threads import shared
+from ..scene.mesh import edge_ends, edge_keys
 
 LONGEST = 6.0
 """Length in cells that no edge outgrows: colours need vertices on flat ground too."""
@@ -29,11 +30,8 @@ LEAST_TURN = 0.2
 
 
 class Simplified(NamedTuple):
-    """A mesh with fewer vertices.
-
-    points: (V, 3) float64. faces: (F, 3) int32. sizes: (V,) side of the cell at each vertex. kept: (V,) which fixed
-    vertex of the mesh before each is, -1 for none.
-    """
+    """A mesh with fewer vertices. points: (V, 3) float64. faces: (F, 3) int32. sizes: (V,) side of the cell at each
+    vertex. kept: (V,) which fixed vertex of the mesh before each is, -1 for none."""
 
     points: Points
     faces: Faces
@@ -84,9 +82,8 @@ def simplify(points: Points, faces: Faces, sizes: Floats, wanted: int, fixed: Ma
 
 def _edges(faces: Faces, count: int) -> tuple[Indices, Indices]:
     """Each edge once, (E, 2) int64, smaller end first, and how many faces it has."""
-    starts, ends = faces.T.ravel().astype(np.int64), np.roll(faces, -1, axis=1).T.ravel().astype(np.int64)
-    key, uses = np.unique(np.minimum(starts, ends) * count + np.maximum(starts, ends), return_counts=True)
-    return np.stack([key // count, key % count], axis=1), uses
+    keys, uses = np.unique(edge_keys(faces, count), return_counts=True)
+    return edge_ends(keys, count), uses
 
 
 @kernel
@@ -191,7 +188,7 @@ def _costs(
                 (points[a, 1] + points[b, 1]) / 2,
                 (points[a, 2] + points[b, 2]) / 2,
             )
-            x, y, z = _best(xx, xy, xz, yy, yz, zz, x1, y1, z1, STIFF * weight, mx, my, mz)
+            x, y, z = _best((xx, xy, xz, yy, yz, zz), (x1, y1, z1), STIFF * weight, (mx, my, mz))
             if _square(x - mx, y - my, z - mz) > length2:
                 x, y, z = mx, my, mz
         error = (
@@ -209,21 +206,10 @@ def _square(x: float, y: float, z: float) -> float:
 
 @kernel
 def _best(
-    xx: float,
-    xy: float,
-    xz: float,
-    yy: float,
-    yz: float,
-    zz: float,
-    x1: float,
-    y1: float,
-    z1: float,
-    s: float,
-    mx: float,
-    my: float,
-    mz: float,
+    square: tuple[float, ...], linear: tuple[float, ...], s: float, middle: tuple[float, ...]
 ) -> tuple[float, float, float]:
     """The place of least error, drawn by `s` towards the middle: it solves (A + s I) x = s middle - b."""
+    (xx, xy, xz, yy, yz, zz), (x1, y1, z1), (mx, my, mz) = square, linear, middle
     a, d, f = xx + s, yy + s, zz + s
     b, c, e = xy, xz, yz
     r0, r1, r2 = s * mx - x1, s * my - y1, s * mz - z1
@@ -281,9 +267,8 @@ def _collapse(
             continue
         longest = LONGEST * min(sizes[a], sizes[b])
         place = places[e]
-        if _spoils(points, faces, starts, around, a, b, place, longest):
-            continue
-        if _spoils(points, faces, starts, around, b, a, place, longest):
+        fans = points, faces, starts, around
+        if _spoils(fans, a, b, place, longest) or _spoils(fans, b, a, place, longest):
             continue
         for vertex in (a, b):
             for i in range(starts[vertex], starts[vertex + 1]):
@@ -311,16 +296,10 @@ def _collapse(
 
 @kernel
 def _spoils(
-    points: Points,
-    faces: Faces,
-    starts: Integers,
-    around: Integers,
-    vertex: int,
-    other: int,
-    place: Vector,
-    longest: float,
+    fans: tuple[Points, Faces, Integers, Integers], vertex: int, other: int, place: Vector, longest: float
 ) -> bool:
     """Whether a face of `vertex` that stays would turn too far, vanish or outgrow `longest` with it at `place`."""
+    points, faces, starts, around = fans
     x, y, z = points[vertex, 0], points[vertex, 1], points[vertex, 2]
     for i in range(starts[vertex], starts[vertex + 1]):
         f = around[i]

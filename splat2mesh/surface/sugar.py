@@ -6,7 +6,7 @@ Source: Guedon and Lepetit, "SuGaR: Surface-Aligned Gaussian Splatting" (CVPR 20
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
@@ -45,16 +45,24 @@ class SurfacePoints:
     normals: np.ndarray
 
 
+class DensityGaussians(NamedTuple):
+    """What makes up a density: means (N, 3), rotations (N, 3, 3), scales (N, 3) and opacities (N,), float32."""
+
+    means: Points
+    rotations: Floats
+    scales: Floats
+    opacities: Floats
+
+
 class DensityField:
     """The density of a splat: the sum of opacity * exp(-mahalanobis^2 / 2) over the nearest Gaussians of a point."""
 
     def __init__(self, splats: Splats) -> None:
         self._origin = splats.means.mean(axis=0, dtype=np.float64)
-        self._means = (splats.means - self._origin).astype(np.float32)
-        self._tree = scipy.spatial.cKDTree(self._means)
-        self._rotations = splats.rotation_matrices().astype(np.float32)
-        self._scales = np.maximum(splats.scales, splats.scales.max(axis=1, keepdims=True) * 1e-3).astype(np.float32)
-        self._opacities = splats.opacities.astype(np.float32)
+        means = (splats.means - self._origin).astype(np.float32)
+        scales = np.maximum(splats.scales, splats.scales.max(axis=1, keepdims=True) * 1e-3).astype(np.float32)
+        self._gaussians = DensityGaussians(means, splats.rotation_matrices(), scales, splats.opacities)
+        self._tree = scipy.spatial.cKDTree(means)
 
     def crossings(self, points: Points, directions: Directions) -> SurfacePoints:
         """First entries of rays into the level set near given points.
@@ -63,11 +71,11 @@ class DensityField:
         Returns SurfacePoints of the rays that enter it within SEARCH_SIGMAS; normals are those of the field's gradient.
         """
         local = (points - self._origin).astype(np.float32, order="C")
-        count = min(NEIGHBORS, len(self._means))
+        count = min(NEIGHBORS, self._tree.n)
         neighbors = self._tree.query(local, k=count, workers=-1)[1].reshape(len(local), count).astype(np.int32)
-        arrays = (self._means, self._rotations, self._scales, self._opacities)
         offset, normal = np.full(len(local), np.nan, np.float32), np.zeros((len(local), 3), np.float32)
-        _enter_level(len(local), local, directions.astype(np.float32, order="C"), neighbors, *arrays, offset, normal)
+        ahead = directions.astype(np.float32, order="C")
+        _enter_level(len(local), local, ahead, neighbors, self._gaussians, offset, normal)
         found = np.isfinite(offset)
         surface = points[found] + offset[found, None] * directions[found]
         return SurfacePoints(surface.astype(np.float32), normal[found])
@@ -105,17 +113,10 @@ def poisson(surface: SurfacePoints, depth: int) -> Any:
 
 @kernel
 def _density(
-    x: float,
-    y: float,
-    z: float,
-    p: int,
-    neighbors: Integers,
-    means: Points,
-    rotations: Floats,
-    scales: Floats,
-    opacities: Floats,
+    x: float, y: float, z: float, p: int, neighbors: Integers, gaussians: DensityGaussians
 ) -> tuple[float, float, float, float]:
     """Density at a point, of its row p of `neighbors`, and the gradient there: four numbers."""
+    means, rotations, scales, opacities = gaussians
     total, right, up, back = 0.0, 0.0, 0.0, 0.0
     for i in range(neighbors.shape[1]):
         n = neighbors[p, i]
@@ -144,51 +145,34 @@ def _enter_level(
     points: Points,
     directions: Directions,
     neighbors: Integers,
-    means: Points,
-    rotations: Floats,
-    scales: Floats,
-    opacities: Floats,
+    gaussians: DensityGaussians,
     offsets: Floats,
     normals: Directions,
 ) -> None:
     """Offsets (P,) along the directions, left as they are where no level is entered, and normals (P, 3)."""
+    rotations, scales = gaussians.rotations, gaussians.scales
     for p in range(begin, end):
-        _enter(p, points, directions, neighbors, means, rotations, scales, opacities, offsets, normals)
-
-
-@kernel
-def _enter(
-    p: int,
-    points: Points,
-    directions: Directions,
-    neighbors: Integers,
-    means: Points,
-    rotations: Floats,
-    scales: Floats,
-    opacities: Floats,
-    offsets: Floats,
-    normals: Directions,
-) -> None:
-    dx, dy, dz = directions[p, 0], directions[p, 1], directions[p, 2]
-    n = neighbors[p, 0]
-    variance = 0.0
-    for axis in range(3):
-        turned = rotations[n, 0, axis] * dx + rotations[n, 1, axis] * dy + rotations[n, 2, axis] * dz
-        variance += (turned * scales[n, axis]) ** 2
-    reach = SEARCH_SIGMAS * math.sqrt(variance)
-    before = math.inf
-    for step in range(STEPS):
-        t = reach * (2.0 * step / (STEPS - 1) - 1.0)
-        x, y, z = points[p, 0] + t * dx, points[p, 1] + t * dy, points[p, 2] + t * dz
-        density, gx, gy, gz = _density(x, y, z, p, neighbors, means, rotations, scales, opacities)
-        if before < DENSITY_LEVEL <= density:
-            t -= 2.0 * reach / (STEPS - 1) * (density - DENSITY_LEVEL) / (density - before)
+        dx, dy, dz = directions[p, 0], directions[p, 1], directions[p, 2]
+        n = neighbors[p, 0]
+        variance = 0.0
+        for axis in range(3):
+            turned = rotations[n, 0, axis] * dx + rotations[n, 1, axis] * dy + rotations[n, 2, axis] * dz
+            variance += (turned * scales[n, axis]) ** 2
+        reach = SEARCH_SIGMAS * math.sqrt(variance)
+        before = math.inf
+        for step in range(STEPS):
+            t = reach * (2.0 * step / (STEPS - 1) - 1.0)
             x, y, z = points[p, 0] + t * dx, points[p, 1] + t * dy, points[p, 2] + t * dz
-            _, gx, gy, gz = _density(x, y, z, p, neighbors, means, rotations, scales, opacities)
-            norm = math.sqrt(gx * gx + gy * gy + gz * gz)
-            if norm > 0.0:
-                offsets[p] = t
-                side = 1.0 if gx * dx + gy * dy + gz * dz >= 0.0 else -1.0
-                normals[p, 0], normals[p, 1], normals[p, 2] = -side * gx / norm, -side * gy / norm, -side * gz / norm
-            return
-        before = density
+            density, gx, gy, gz = _density(x, y, z, p, neighbors, gaussians)
+            if before < DENSITY_LEVEL <= density:
+                t -= 2.0 * reach / (STEPS - 1) * (density - DENSITY_LEVEL) / (density - before)
+                x, y, z = points[p, 0] + t * dx, points[p, 1] + t * dy, points[p, 2] + t * dz
+                _, gx, gy, gz = _density(x, y, z, p, neighbors, gaussians)
+                norm = math.sqrt(gx * gx + gy * gy + gz * gz)
+                if norm > 0.0:
+                    offsets[p] = t
+                    side = 1.0 if gx * dx + gy * dy + gz * dz >= 0.0 else -1.0
+                    nx, ny, nz = -side * gx / norm, -side * gy / norm, -side * gz / norm
+                    normals[p, 0], normals[p, 1], normals[p, 2] = nx, ny, nz
+                break
+            before = density

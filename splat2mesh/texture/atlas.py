@@ -26,9 +26,6 @@ if TYPE_CHECKING:
 REACH = 2.0
 """Texels beside a chart that are baked at its nearest point: bilinear filtering mixes them in."""
 
-ROUNDING = 0.01
-"""Texels by which a point may lie beside a face that rounding has hold it."""
-
 
 @dataclass(frozen=True)
 class Atlas:
@@ -119,11 +116,8 @@ def atlas_of(scene: "Scene", mesh: "Welded", uv: Floats, faces: Integers, size: 
 def atlas_again(
     scene: "Scene", uv: Sequence[Floats], faces: Sequence[Integers], size: int, reach: float = 1.5
 ) -> Atlas:
-    """The Atlas of a scene whose chunks have been unwrapped before.
-
-    uv: of each chunk (W, 2) in [0, 1], as of an Atlas. faces: of each (F, 3) of these, in the order of the scene.
-    size: side of the texture. reach: as of `atlas_of`.
-    """
+    """The Atlas of a scene whose chunks have been unwrapped before. uv: of each chunk (W, 2) in [0, 1], as of an Atlas.
+    faces: of each (F, 3) of these, in the order of the scene. size: side of the texture. reach: as of `atlas_of`."""
     starts = np.cumsum([0, *map(len, uv)])
     joined = np.concatenate([each + start for each, start in zip(faces, starts[:-1], strict=True)]).astype(np.int32)
     coordinates = np.concatenate(uv).astype(np.float32)
@@ -142,8 +136,7 @@ def _shown(
     """The texels that show something, ascending, the face of each, its weights there, and whether it lies inside."""
     best = np.full((size, size), np.inf, np.float32)
     face, weights = np.full((size, size), -1, np.int32), np.zeros((size, size, 3), np.float32)
-    in_slices(_draw_inside, size, uv, faces, best, face, weights)
-    in_slices(_draw_beside, size, uv, faces, np.float32(reach), best, face, weights)
+    in_slices(_draw, size, uv, faces, np.float32(reach), best, face, weights)
     texels = np.flatnonzero(face.ravel() >= 0)
     if len(texels) == 0:
         raise InputError(f"a texture of {size} texels is too small for this scene: choose a larger `texture_size`")
@@ -222,46 +215,7 @@ def _areas(points: NDArray[np.float64], faces: NDArray[np.int64], areas: NDArray
 
 
 @kernel
-def _draw_inside(
-    begin: int,
-    end: int,
-    uv: NDArray[np.float32],
-    faces: Integers,
-    best: NDArray[np.float32],
-    face: NDArray[np.int32],
-    weights: NDArray[np.float32],
-) -> None:
-    """Find for each texel of some rows the first face that holds its centre, and its weights there."""
-    size = best.shape[0]
-    for f in range(len(faces)):
-        ax, ay = np.float64(uv[faces[f, 0], 0]), np.float64(uv[faces[f, 0], 1])
-        bx, by = np.float64(uv[faces[f, 1], 0]), np.float64(uv[faces[f, 1], 1])
-        cx, cy = np.float64(uv[faces[f, 2], 0]), np.float64(uv[faces[f, 2], 1])
-        top = max(int(np.ceil(min(ay, by, cy) - ROUNDING - 0.5)), begin)
-        bottom = min(int(np.floor(max(ay, by, cy) + ROUNDING - 0.5)), end - 1)
-        area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
-        if area == 0.0 or top > bottom:
-            continue
-        left = max(int(np.ceil(min(ax, bx, cx) - ROUNDING - 0.5)), 0)
-        right = min(int(np.floor(max(ax, bx, cx) + ROUNDING - 0.5)), size - 1)
-        for row in range(top, bottom + 1):
-            y = row + 0.5
-            for column in range(left, right + 1):
-                if best[row, column] == 0.0:
-                    continue
-                x = column + 0.5
-                second: float = ((x - ax) * (cy - ay) - (y - ay) * (cx - ax)) / area
-                third: float = ((bx - ax) * (y - ay) - (by - ay) * (x - ax)) / area
-                first: float = 1.0 - second - third
-                if first < 0.0 or second < 0.0 or third < 0.0:
-                    continue
-                best[row, column], face[row, column] = 0.0, f
-                weights[row, column, 0], weights[row, column, 1] = first, second
-                weights[row, column, 2] = third
-
-
-@kernel
-def _draw_beside(
+def _draw(
     begin: int,
     end: int,
     uv: NDArray[np.float32],
@@ -271,7 +225,8 @@ def _draw_beside(
     face: NDArray[np.int32],
     weights: NDArray[np.float32],
 ) -> None:
-    """Find for each texel of some rows that no face holds the nearest face within `reach`, and its weights there."""
+    """Find for each texel of some rows the first face that holds its centre or else the nearest one within `reach`, its
+    weights there, and the square of its distance."""
     size = best.shape[0]
     for f in range(len(faces)):
         ax, ay = np.float64(uv[faces[f, 0], 0]), np.float64(uv[faces[f, 0], 1])
@@ -290,7 +245,14 @@ def _draw_beside(
                 if best[row, column] == 0.0:
                     continue
                 x, distance = column + 0.5, np.inf
-                first, second, third = 0.0, 0.0, 0.0
+                second: float = ((x - ax) * (cy - ay) - (y - ay) * (cx - ax)) / area
+                third: float = ((bx - ax) * (y - ay) - (by - ay) * (x - ax)) / area
+                first: float = 1.0 - second - third
+                if first >= 0.0 and second >= 0.0 and third >= 0.0:
+                    best[row, column], face[row, column] = 0.0, f
+                    weights[row, column, 0], weights[row, column, 1] = first, second
+                    weights[row, column, 2] = third
+                    continue
                 for side in range(3):
                     if side == 0:
                         px, py, qx, qy = ax, ay, bx, by

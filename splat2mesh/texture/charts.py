@@ -83,7 +83,8 @@ def charts_of(points: Points, faces: Integers, density: Floats) -> Charts:
     wanted = np.where(wanted > 0, wanted, bare)
     key, inverse = np.unique(label[:, None] * len(points) + faces, return_inverse=True)
     vertex, chart = key % len(points), key // len(points)
-    across = np.stack([_dot(points[vertex], plane[chart, row]) for row in range(2)], axis=1) * wanted[chart, None]
+    places = points[vertex].astype(np.float64)
+    across = np.stack([(places * plane[chart, row]).sum(axis=1) for row in range(2)], axis=1) * wanted[chart, None]
     _turn(across, chart, count)
     low, high = np.full((count, 2), np.inf), np.full((count, 2), -np.inf)
     np.minimum.at(low, chart, across)
@@ -95,10 +96,6 @@ def charts_of(points: Points, faces: Integers, density: Floats) -> Charts:
     extent[upright] = extent[upright][:, ::-1]
     order = np.lexsort((-extent[:, 0], -extent[:, 1]))
     return Charts(across, chart, vertex, inverse.reshape(-1, 3).astype(np.int64), extent, order)
-
-
-def _dot(points: Points, axes: Floats) -> Floats:
-    return (points.astype(np.float64) * axes).sum(axis=1)
 
 
 def _neighbors(faces: Integers) -> NDArray[np.int64]:
@@ -141,9 +138,7 @@ def _grow(
     axes: Floats,
 ) -> int:
     """Give each face the number of its chart, and each chart the normal of its plane; returns the number of charts.
-
-    Number by number: with expressions of whole arrays Numba compiles 58 functions more.
-    """
+    Number by number: with expressions of whole arrays Numba compiles 58 functions more."""
     count = 0
     queue = np.empty(len(label), np.int64)
     for seed in range(len(label)):

@@ -75,10 +75,8 @@ def textured_glb(
 
 
 def add_cards(file: Glb, cards: Sequence[tuple[Mesh, NDArray[np.float32]]], unlit: bool = True) -> None:
-    """Add cards of leaves to a file: meshes with COLOR_0 and a double-sided material without a texture.
-
-    cards: Mesh and (V, 3) linear colours of its vertices. unlit: as of the rest of the file.
-    """
+    """Add cards of leaves to a file: meshes with COLOR_0 and a double-sided material without a texture. cards: Mesh and
+    (V, 3) linear colours of its vertices. unlit: as of the rest of the file."""
     if not cards:
         return
     materials = file.document.materials

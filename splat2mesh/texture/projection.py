@@ -14,9 +14,11 @@ from ..base.arrays import ColorsSrgb, Directions, Floats, Indices, Points
 from ..base.kernels import kernel
 from ..base.threads import shared
 from ..render.rasterize import rasterize
+from ..render.view import stacked
 from ..scene.color import bytes_from_unit
-from ..surface.album import LEAST_COSINE, groups_of, may_see
+from ..surface.album import groups_of, may_see
 from ..surface.extract import Look
+from ..surface.sight import LEAST_COSINE
 
 LEAST_ALPHA = 0.5
 """Opacity below which a pixel shows no surface."""
@@ -48,23 +50,21 @@ class Pictures(NamedTuple):
     def of(cls, looks: Sequence[Look], pixels: int) -> "Pictures":
         """Pictures of some Look, `pixels` along the longer side."""
         views = [view.resized(pixels) for look in looks for view in look.views]
-        sizes = np.array([[view.height, view.width] for view in views], np.int64)
-        ends = sizes.prod(axis=1).cumsum()
+        stack = stacked(views)
+        ends = np.append(stack.starts[1:], stack.sizes.prod(axis=1).sum())
         colors, depth = np.zeros((ends[-1], 3), np.uint8), np.full(ends[-1], np.nan, np.float32)
         deepest, number = np.zeros(len(views)), 0
         for look in looks:
             for plane in look.near:
-                seen, start = rasterize(look.splats, views[number], float(plane)), ends[number] - sizes[number].prod()
+                seen = rasterize(look.splats, views[number], float(plane))
                 solid = seen.alpha > LEAST_ALPHA
-                part = slice(start, ends[number])
+                part = slice(stack.starts[number], ends[number])
                 color = seen.color / np.maximum(seen.alpha, LEAST_ALPHA)[..., None]
                 colors[part] = bytes_from_unit(color).reshape(-1, 3)
                 depth[part] = np.where(solid, seen.depth_median, np.nan).ravel()
                 deepest[number] = DEEPEST * np.nan_to_num(depth[part]).max()
                 number += 1
-        poses = np.array([view.camera_from_world[:3] for view in views])
-        lenses = np.array([[view.fx, view.fy, view.cx, view.cy] for view in views], float)
-        return cls(poses, lenses, sizes, ends - sizes.prod(axis=1), colors, depth, deepest)
+        return cls(*stack, colors, depth, deepest)
 
     def shown(
         self, points: Points, normals: Directions, nearness: float, tolerance: tuple[float, float]

@@ -72,10 +72,8 @@ def texture_of(
     stages: Stages | None = None,
     background: bool = True,
 ) -> Texture:
-    """The Texture of a Scene, with or without its background, from views of its splats.
-
-    Raises InputError for a size out of range and a surface without an area.
-    """
+    """The Texture of a Scene, with or without its background, from views of its splats. Raises InputError for a size
+    out of range and a surface without an area."""
     stages = stages or Stages()
     scene = with_background(scene) if background else replace(scene, background=[])
     with stages.stage("unwrap"):

@@ -28,7 +28,7 @@ from .plan import FILE, CityPlan, folder_of
 from .steps import TaskSteps, name_failed
 from .store import Store
 from .surface import mesh
-from .survey import LEAST_SAMPLE, SAMPLE, deal, plan_of, say_all_dropped, survey
+from .survey import deal, plan_of, say_all_dropped, survey_tasks
 from .tasks import Done, Task, costs, tiling_engine
 from .tileset import tileset
 
@@ -109,8 +109,7 @@ def _goes_on(store: Store, asked: dict[str, Any], overwrite: bool, resume: bool)
 
 
 def _surveyed(steps: TaskSteps, pieces: list[CityPiece], asked: dict[str, Any]) -> None:
-    most = max(LEAST_SAMPLE, SAMPLE // len(pieces))
-    tasks = [Task(f"survey {n}", survey, (steps.store, n, piece, most)) for n, piece in enumerate(pieces)]
+    tasks = survey_tasks(steps.store, pieces)
     found = steps.run("survey", tasks)
     lost = [done for done in found.values() if done.error]
     if lost:  # an unreadable source is bad input, and nothing of value was written yet

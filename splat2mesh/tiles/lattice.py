@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from ..base.arrays import Floats, Indices, Integers, Mask
 from ..base.distinct import distinct
-from ..surface.adaptive import BATCH, ENOUGH_WEIGHT, NARROW, WIDE, Truncation, integrate, packed
+from ..scene.mesh import edge_ends, edge_keys
+from ..surface.adaptive import BATCH, ENOUGH_WEIGHT, integrate, packed
 from ..surface.dualmesh import dual_mesh
 from ..surface.octree import BITS, HALF, MASK, corners_of, leaves_of, requested_cells
-from ..surface.sight import FusionSight
+from ..surface.sight import FusionSight, Truncation
 from .memory import give_back
 from .plan import CELL_LEVELS, RING, CityPlan
 
@@ -26,11 +27,8 @@ SMOOTHING_ROUNDS, SMOOTHING_STEP = 2, 0.5
 
 
 class Raw(NamedTuple):
-    """The surface of a tile and its ring. V vertices, F faces.
-
-    points: (V, 3) float64. faces: (F, 3) int32. cells: (V,) side of each vertex's cell. owner: (F,) tile of each face,
-    -1 for none.
-    """
+    """The surface of a tile and its ring. V vertices, F faces. points: (V, 3) float64. faces: (F, 3) int32. cells: (V,)
+    side of each vertex's cell. owner: (F,) tile of each face, -1 for none."""
 
     points: NDArray[np.float64]
     faces: NDArray[np.int32]
@@ -39,17 +37,16 @@ class Raw(NamedTuple):
 
 
 def raw_surface(sights: list[FusionSight], plan: CityPlan, tile: int, carve: float) -> Raw:
-    """Fuse sights within the core of a tile and RING blocks around it. Vertices stand in the order of their cells.
-
-    The list of sights is empty afterwards, since their data are a large part of a process's memory.
-    """
+    """Fuse sights within the core of a tile and RING blocks around it. Vertices stand in the order of their cells. The
+    list of sights is empty afterwards, since their data are a large part of a process's memory."""
     empty = Raw(np.zeros((0, 3)), np.zeros((0, 3), np.int32), np.zeros(0), np.zeros(0, np.int64))
     sights[:] = [sight for sight in sights if (sight.weight > 0).any()]
     if not sights:
         return empty
     origin = np.zeros(3)
     steps = (sight.step for sight in sights)
-    requested = requested_cells(sights, steps, origin, plan.finest, NARROW, WIDE, MOST_CELLS)
+    truncation = Truncation(plan.finest, carve=carve)
+    requested = requested_cells(sights, steps, origin, truncation, MOST_CELLS)
     maps = packed(sights, origin)
     sights.clear()
     give_back()
@@ -64,7 +61,6 @@ def raw_surface(sights: list[FusionSight], plan: CityPlan, tile: int, carve: flo
     corners = corners_of(leaves)
     values, weights = np.zeros(len(corners.positions), np.float32), np.zeros(len(corners.positions), np.float32)
     dealt = np.random.default_rng(0).permutation(-(-len(values) // BATCH))
-    truncation = Truncation(plan.finest, NARROW, WIDE, carve)
     integrate(len(dealt), corners, dealt, truncation, maps, values, weights)
     del maps
     vertices, faces, levels = dual_mesh(leaves, corners, values, weights, ENOUGH_WEIGHT)
@@ -91,13 +87,10 @@ def seam_of(raw: Raw, tile: int) -> NDArray[np.bool_]:
 
 
 def smoothed(raw: Raw) -> NDArray[np.float64]:
-    """(V, 3) points, each some way to the mean of its neighbours; those on open borders stay.
-
-    Sums go in the order of vertices, which is that of their cells: so they are equal in all tiles that hold them.
-    """
-    starts, ends = raw.faces.T.ravel().astype(np.int64), np.roll(raw.faces, -1, axis=1).T.ravel().astype(np.int64)
-    key, uses = np.unique(np.minimum(starts, ends) * len(raw.points) + np.maximum(starts, ends), return_counts=True)
-    first, second = key // max(len(raw.points), 1), key % max(len(raw.points), 1)
+    """(V, 3) points, each some way to the mean of its neighbours; those on open borders stay. Sums go in the order of
+    vertices, which is that of their cells: so they are equal in all tiles that hold them."""
+    keys, uses = np.unique(edge_keys(raw.faces, len(raw.points)), return_counts=True)
+    first, second = edge_ends(keys, len(raw.points)).T
     open_ = np.zeros(len(raw.points), bool)
     open_[first[uses == 1]] = open_[second[uses == 1]] = True
     here, there = np.concatenate([first, second]), np.concatenate([second, first])
@@ -138,12 +131,11 @@ def _unit(vectors: Floats) -> NDArray[np.float64]:
 
 def seam_edges(raw: Raw, tile: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """The edges at which a face of a tile meets one of another: (E, 2) vertices, smaller first, and (E,) the other."""
-    count, seam = max(len(raw.points), 1), seam_of(raw, tile)
-    starts, ends = raw.faces.ravel().astype(np.int64), np.roll(raw.faces, -1, axis=1).ravel().astype(np.int64)
-    near = np.flatnonzero(seam[starts] & seam[ends])
-    key, owner = np.minimum(starts, ends)[near] * count + np.maximum(starts, ends)[near], raw.owner[near // 3]
+    count, seam = len(raw.points), seam_of(raw, tile)
+    near = np.flatnonzero(seam[raw.faces] & seam[np.roll(raw.faces, -1, axis=1)])
+    key, owner = edge_keys(raw.faces, count).ravel()[near], raw.owner[near // 3]
     mine = distinct(key[owner == tile])
     shared = np.searchsorted(mine, key, side="right") > np.searchsorted(mine, key)
     other = (owner != tile) & (owner >= 0) & shared
     pairs = np.unique(np.stack([key[other], owner[other]], axis=1), axis=0)
-    return np.stack([pairs[:, 0] // count, pairs[:, 0] % count], axis=1), pairs[:, 1]
+    return edge_ends(pairs[:, 0], count), pairs[:, 1]

@@ -4,18 +4,17 @@ All tiles that need a depth map read the same one, so the data of two tiles on t
 """
 
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..base.arrays import DepthMap, Floats
-from ..render.opacityfield import FieldDepth, field_depth
+from ..render.opacityfield import FieldDepth
 from ..render.view import View
 from ..splats.splats import Splats
-from ..surface.extract import dilated, thickness_of
+from ..surface.extract import dilated
 from ..surface.place import PLACE
-from ..surface.sight import FusionSight
+from ..surface.sight import FusionSight, Sighting
 from ..views.eyes import Eye, around
 from .plan import CARVE, INFLUENCE, RING, CityPlan, grown
 from .stations import stations_of
@@ -35,14 +34,6 @@ view, so the pixel lies in the range of all tiles on whose border the point stan
 UP = np.array([0.0, 1.0, 0.0])
 
 
-class Face(NamedTuple):
-    """One view of a station and its visible surface. H, W are its size."""
-
-    view: View
-    seen: FieldDepth
-    thickness: NDArray[np.float32]
-
-
 def probe(store: Store, key: str, tile: int, sources: dict[int, list[int]]) -> list[float]:
     """Thickness of the surfaces that a few stations of a tile see, over their distance: a sample of it."""
     known = CityPlan.read(store, key)
@@ -50,8 +41,8 @@ def probe(store: Store, key: str, tile: int, sources: dict[int, list[int]]) -> l
     chosen = stations[:: max(1, len(stations) // PROBES)]
     ratios = []
     for view, near in zip(*around(chosen, PROBE_PIXELS, UP), strict=True):
-        seen = field_depth(splats, view, float(near))
-        ratio = (thickness_of(seen, view) / seen.depth).ravel()[::7]
+        shot = Sighting.taken(splats, view, near)
+        ratio = (shot.thickness / shot.seen.depth).ravel()[::7]
         ratios += ratio[np.isfinite(ratio)].tolist()
     return ratios
 
@@ -69,7 +60,7 @@ def look(store: Store, key: str, tile: int, sources: dict[int, list[int]]) -> di
         if number % 6 == 0:  # views of one station
             away = np.linalg.norm(splats.means - view.center.astype(np.float32), axis=1)
             reached = splats.take(np.flatnonzero(away <= known.reach + EXTENT * sizes))
-        seen = field_depth(reached, view, float(plane), known.level)
+        _, seen, thickness = Sighting.taken(reached, view, plane, known.level)
         rays = np.linalg.norm(view.ray_directions(), axis=-1)
         with np.errstate(invalid="ignore"):
             depth = np.where(seen.depth * rays <= known.reach, seen.depth, np.nan).astype(np.float32)
@@ -80,7 +71,7 @@ def look(store: Store, key: str, tile: int, sources: dict[int, list[int]]) -> di
         kept["depth"].append(depth)
         kept["normal"].append(seen.normal.astype(np.float16))
         kept["spread"].append(seen.spread.astype(np.float32))
-        kept["thickness"].append(thickness_of(seen, view).astype(np.float32))
+        kept["thickness"].append(thickness.astype(np.float32))
         kept["color"].append(np.clip(np.round(255 * np.nan_to_num(seen.color)), 0, 255).astype(np.uint8))
     arrays: dict[str, Any] = {name: np.array(values) for name, values in kept.items()}
     focal = views[0].fx if views else 1.0
@@ -101,11 +92,9 @@ def _prepare(store: Store, plan: CityPlan, tile: int, sources: dict[int, list[in
     return dilated(splats, PLACE.dilation * plan.trained), stations
 
 
-def faces_around(store: Store, plan: CityPlan, tile: int) -> Iterator[Face]:
-    """The views that show a tile and its ring, in an order that all tiles share.
-
-    A view counts if one of its surface points lies near enough to matter: all others leave no trace there.
-    """
+def shots_around(store: Store, plan: CityPlan, tile: int) -> Iterator[Sighting]:
+    """The views that show a tile and its ring, in an order that all tiles share. A view counts if one of its surface
+    points lies near enough to matter: all others leave no trace there."""
     low, high = _range(plan, tile)
     for other in plan.seers(tile):
         kept = store.read_arrays(f"work/sights/{other:05d}.npz")
@@ -124,7 +113,7 @@ def faces_around(store: Store, plan: CityPlan, tile: int) -> Iterator[Face]:
             color = kept["color"][row].astype(np.float32) / np.float32(255)
             spread = np.minimum(kept["spread"][row], np.float32(DEEPEST * plan.block))
             seen = FieldDepth(depth, normal, spread, color, np.isfinite(depth).astype(np.float32))
-            yield Face(view, seen, kept["thickness"][row])
+            yield Sighting(view, seen, kept["thickness"][row])
 
 
 def _ground_of(view: View, depth: DepthMap) -> Floats:
@@ -138,12 +127,12 @@ def _bounds_of(view: View, depth: DepthMap) -> Floats:
     return np.stack([np.nanmin(points, axis=0), np.nanmax(points, axis=0)])
 
 
-def sight_of(face: Face, plan: CityPlan, tile: int) -> FusionSight:
+def sight_of(shot: Sighting, plan: CityPlan, tile: int) -> FusionSight:
     """A view ready for fusion in a tile's ring: its cells are no larger than a block, it reaches no farther than
     INFLUENCE, and pixels that cannot reach the ring are left out."""
-    sight = FusionSight.from_depth(face.view, face.seen, face.thickness, plan.spacing, plan.finest, plan.fog)
+    sight = FusionSight.of(shot, plan.spacing, plan.finest, plan.fog)
     low, high = _range(plan, tile)
-    points = _ground_of(face.view, face.seen.depth)
+    points = _ground_of(shot.view, shot.seen.depth)
     with np.errstate(invalid="ignore"):
         step = np.minimum(sight.step, np.float32(plan.block))
         spread = np.minimum(sight.spread, np.float32(plan.block))

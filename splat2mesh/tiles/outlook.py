@@ -14,8 +14,8 @@ from .memory import BASE_GB
 from .pieces import pieces_of
 from .plan import GB_PER_SPLAT, splats_for
 from .store import Store
-from .survey import LEAST_SAMPLE, SAMPLE, plan_of, say_all_dropped, survey
-from .tasks import Loop, Task
+from .survey import plan_of, say_all_dropped, survey_tasks
+from .tasks import Loop
 
 
 def outlook(
@@ -25,20 +25,18 @@ def outlook(
     *,
     stages: Stages | None = None,
 ) -> dict[str, Any]:
-    """Return the plan of a city, JSON-clean. Reads the source once and leaves no files.
-
-    Arguments and errors as of `convert_city`.
-    """
+    """Return the plan of a city, JSON-clean. Reads the source once and leaves no files. Arguments and errors as of
+    `convert_city`."""
     options, tiling = options or ConvertOptions(), tiling or TilingOptions()
     refuse_in_cities(options, KNOWN)
     pieces = pieces_of(os.fspath(source), options.lod)
-    sampled, stages = max(LEAST_SAMPLE, SAMPLE // len(pieces)), stages or Stages()
+    stages = stages or Stages()
     settings: dict[str, Any] = {"up": options.up, "detail": options.detail, "vertices": None}
     settings |= {"memory": tiling.memory, "tile_splats": tiling.tile_splats}
     with tempfile.TemporaryDirectory() as folder:
         store, counts = Store(folder), []
         with stages.stage("survey", total=len(pieces)) as advance:
-            for done in Loop().run([Task(f"survey {n}", survey, (store, n, p, sampled)) for n, p in enumerate(pieces)]):
+            for done in Loop().run(survey_tasks(store, pieces)):
                 if done.error:
                     raise InputError(done.error)
                 counts.append(done.result)

@@ -45,10 +45,7 @@ class CityPiece(NamedTuple):
 
 def pieces_of(path: str, lod: Any = "auto") -> list[CityPiece]:
     """The pieces of a city, in the order of its files. path: as `parts_of`, or a URL of fsspec. lod: level of a
-    streamed SOG; auto is the finest here.
-
-    Raises InputError as `parts_of` does.
-    """
+    streamed SOG; auto is the finest here. Raises InputError as `parts_of` does."""
     if is_url(path):
         return _in_bucket(path.rstrip("/"), lod)
     if not Path(path).exists():

@@ -28,9 +28,6 @@ FAR, DISTANT = "far.ply", "distant.ply"
 CELL_LEVELS = 3
 """Doublings from the finest cell to the largest one, the block."""
 
-FINEST_CELL = 0.7
-"""Side of the finest cell in training pixels, as places have it."""
-
 LEAST_PIXEL = 0.36
 """Size of a pixel that counts, over the distance of splats on the surface, at least. Dense captures of needles have
 training pixels far below, which would call for cells and stations that no splat supports."""

@@ -10,22 +10,18 @@ import scipy
 from numpy.typing import NDArray
 
 from ..base.arrays import Floats, Mask, Vector
-from ..views.eyes import Eye
+from ..splats.splats import SOLID
+from ..views.eyes import NEAR, Eye
 
 CELLS = 14
 """Cells of the grid of what is taken, along the distance between stations."""
 
-SOLID = 0.3
-"""Opacity from which a splat takes its cell."""
 
 CLEAR_CELLS = 2.0
 """Cells between a station and the nearest taken one, at least."""
 
 ROOMY = 0.3
 """Clearance, in distances between stations, beyond which more does not improve a place."""
-
-NEAR = 0.3
-"""Near plane over the clearance."""
 
 
 def stations_of(

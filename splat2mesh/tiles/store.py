@@ -19,10 +19,8 @@ from ..base.extras import needed
 
 
 class Store:
-    """Files under one root, by names with slashes. root: a path, or a URL of fsspec such as s3://bucket/city.
-
-    Can be pickled: a worker opens it again. Raises InputError where the root cannot be reached or written.
-    """
+    """Files under one root, by names with slashes. root: a path, or a URL of fsspec such as s3://bucket/city. Can be
+    pickled: a worker opens it again. Raises InputError where the root cannot be reached or written."""
 
     def __init__(self, root: str | os.PathLike[str]) -> None:
         self.root = os.fspath(root)

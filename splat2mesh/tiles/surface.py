@@ -12,18 +12,17 @@ from numpy.typing import NDArray
 
 from ..base.arrays import Faces, Indices, Points
 from ..scene.color import linear_from_srgb
-from ..scene.leaves import connected
-from ..scene.mesh import Mesh
+from ..scene.mesh import Mesh, edge_keys
 from ..scene.meshfile import mesh_ply_bytes
 from ..surface.album import GREY, Album, filled_in
-from ..surface.clean import fill_holes
+from ..surface.clean import fill_holes, without_floaters
 from ..surface.fair import fair
-from ..surface.place import HOLE_CELLS, SMALLEST_FACES, SPARE
+from ..surface.place import HOLE_CELLS, SPARE
 from ..surface.simplify import simplify
 from .coarse import twins
 from .glb import glb_bytes
 from .lattice import Raw, normals_of, raw_surface, seam_edges, seam_of, smoothed
-from .look import carve_of, faces_around, sight_of
+from .look import carve_of, shots_around, sight_of
 from .memory import give_back
 from .plan import DISTANT, FAR, CityPlan, folder_of
 from .store import Store
@@ -33,9 +32,9 @@ def mesh(store: Store, key: str, tile: int) -> dict[str, Any]:
     """Make the mesh of a tile: tiles/TILE/mesh.ply, mesh.glb, its twins, and its record; returns the record."""
     known = CityPlan.read(store, key)
     sights, pictures = [], []
-    for face in faces_around(store, known, tile):
-        sights.append(sight_of(face, known, tile))
-        pictures.append(Album.from_depths([face.view], [face.seen], [face.thickness]))
+    for shot in shots_around(store, known, tile):
+        sights.append(sight_of(shot, known, tile))
+        pictures.append(Album.of([shot]))
     album = Album.joined(pictures) if pictures else None
     pictures.clear()
     give_back()
@@ -67,7 +66,7 @@ def tile_mesh(raw: Raw, tile: int, album: Album | None, plan: CityPlan) -> tuple
     normals = normals_of(soft, raw.faces)
     points = np.where(seam[:, None], soft, raw.points)
     chosen = raw.faces[raw.owner == tile]
-    chosen, dropped = without_loose(chosen, seam)
+    chosen, dropped = without_floaters(chosen, seam)
     if album is None or len(chosen) == 0:
         none = np.zeros((0, 3), np.float32)
         empty = Mesh(none, none, none.astype(np.int32), none.astype(np.uint8))
@@ -117,21 +116,14 @@ def tile_mesh(raw: Raw, tile: int, album: Album | None, plan: CityPlan) -> tuple
 
 def _borders(raw: Raw, tile: int, kept: Indices, faces: Faces, points: Points) -> tuple[int, dict[str, list[Any]]]:
     """The number of missing edges to other tiles, and for each other tile their number and a checksum of their
-    positions, which the other tile must have too.
-
-    kept: which vertex of the raw surface each of the mesh is, -1 for none.
-    """
+    positions, which the other tile must have too. kept: which vertex of the raw surface each of the mesh is, -1 for
+    none."""
     edges, other = seam_edges(raw, tile)
     number = np.full(len(raw.points), -1, np.int64)
     number[kept[kept >= 0]] = np.flatnonzero(kept >= 0)
     edges = number[edges]
-    count = len(points)
-    starts, ends = faces.ravel().astype(np.int64), np.roll(faces, -1, axis=1).ravel().astype(np.int64)
-    fixed = (kept[starts] >= 0) & (kept[ends] >= 0)
-    starts, ends = starts[fixed], ends[fixed]
-    there = np.isin(
-        edges.min(axis=1) * count + edges.max(axis=1), np.minimum(starts, ends) * count + np.maximum(starts, ends)
-    ) & (edges.min(axis=1, initial=0) >= 0)
+    there = np.isin(edges.min(axis=1) * len(points) + edges.max(axis=1), edge_keys(faces, len(points)))
+    there &= edges.min(axis=1, initial=0) >= 0
     borders = {}
     for neighbor in np.unique(other):
         ends = points[edges[(other == neighbor) & there]].reshape(-1, 6)
@@ -142,25 +134,11 @@ def _borders(raw: Raw, tile: int, kept: Indices, faces: Faces, points: Points) -
     return int((~there).sum()), borders
 
 
-def without_loose(faces: NDArray, seam: NDArray) -> tuple[NDArray, int]:
-    """Faces without parts of less than SMALLEST_FACES, and how many parts went. Parts at a border stay: the other side
-    may hold the rest."""
-    if not len(faces):
-        return faces, 0
-    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]]])
-    part = connected(edges, len(seam))
-    sizes = np.bincount(part[faces[:, 0]], minlength=int(part.max()) + 1)
-    small = (sizes < SMALLEST_FACES) & (sizes > 0)
-    small[np.unique(part[np.flatnonzero(seam)])] = False
-    return faces[~small[part[faces[:, 0]]]], int(small.sum())
-
-
 def without_crowded(points: NDArray, faces: NDArray, fixed: NDArray) -> NDArray:
     """Faces with at most two at an edge, the largest; those at fixed vertices stay."""
     a, b, c = (points[faces[:, corner]] for corner in range(3))
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
-    starts, ends = faces.ravel().astype(np.int64), np.roll(faces, -1, axis=1).ravel().astype(np.int64)
-    key = np.minimum(starts, ends) * len(points) + np.maximum(starts, ends)
+    key = edge_keys(faces, len(points)).ravel()
     of_face = np.repeat(np.arange(len(faces)), 3)
     order = np.lexsort((of_face, -area[of_face], key))
     first = np.append(True, key[order][1:] != key[order][:-1])

@@ -13,11 +13,13 @@ from ..splats.joining import joined
 from ..splats.placing import placed
 from ..splats.splats import MIN_SPLATS, NUMBERS, Splats
 from ..surface.extract import training_pixel
+from ..surface.place import FINEST_CELL
 from ..views.upright import upright
 from ..views.viewpoints import bounds_of
 from .pieces import CityPiece, read_piece
-from .plan import FINEST_CELL, LEAST_PIXEL, REFERENCE_PIXELS, CityPlan, apart, cut, splats_for, within_box
+from .plan import LEAST_PIXEL, REFERENCE_PIXELS, CityPlan, apart, cut, splats_for, within_box
 from .store import Store
+from .tasks import Task
 
 SAMPLE = 1_000_000
 """Sample of splats for the plan of a city, over all pieces."""
@@ -44,6 +46,12 @@ def survey(store: Store, number: int, piece: CityPiece, most: int) -> dict[str, 
     store.write_arrays(f"work/survey/{number:05d}.npz", **arrays, weight=len(rows) / max(len(chosen), 1))
     says = {} if splats.facts.up is None else {"up": splats.facts.up, "up_from": splats.facts.up_from}
     return {"splats": len(splats), "usable": len(rows), **counts, **says}
+
+
+def survey_tasks(store: Store, pieces: list[CityPiece]) -> list[Task]:
+    """The tasks that survey the pieces of a city."""
+    most = max(LEAST_SAMPLE, SAMPLE // len(pieces))
+    return [Task(f"survey {n}", survey, (store, n, piece, most)) for n, piece in enumerate(pieces)]
 
 
 def plan_of(store: Store, pieces: list[CityPiece], counts: list[dict[str, Any]], settings: dict[str, Any]) -> CityPlan:

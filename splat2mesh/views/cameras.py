@@ -4,9 +4,8 @@ import os
 import warnings
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
-from typing import TypeAlias
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,7 +13,7 @@ from ..base.arrays import Points
 from ..base.errors import DataWarning, InputError
 from ..base.inputs import read_json, reading
 from ..render.view import View
-from ..splats.splats import Splats
+from ..splats.splats import SOLID, Splats
 from .cameras_json import views_of_cameras_json
 from .colmap import colmap_models, is_colmap, larger_models, read_colmap
 from .nerfstudio import candidates_of_transforms
@@ -25,17 +24,14 @@ KINDS = "a COLMAP folder such as sparse/0, a cameras.json of INRIA, or a transfo
 NONE = "none"
 """For `cameras`: virtual views, even where cameras would be found."""
 
-SOLID = 0.3
-"""Opacity above which a splat counts as solid here."""
-
 LOOKED_AT = 20_000
 """Number of solid splats that check cameras."""
 
 SEES = 0.001
 """Share of the solid splats that a camera must have in its picture to see the capture: one room of many is 1%."""
 
-JUDGES, JUDGE_PIXELS, SKETCH_SPLATS = 16, 64, 40_000
-"""Views, their longer side and the splats in them, for the choice among several frames."""
+JUDGES, JUDGE_PIXELS = 16, 64
+"""Views, and their longer side, for the choice among several frames."""
 
 CLEARLY = 0.95
 """Share of the sharpest frame's sharpness from which a likelier frame is taken: wrong ones reach .37 to .94 of it
@@ -43,6 +39,22 @@ around places and a table, but around a single object nothing distinguishes them
 
 SHARP = 0.02
 """Thickness of a surface, in distances to it, up to which it looks sharp to such a view."""
+
+
+class FramedCameras(NamedTuple):
+    """Cameras of a file or folder, in one of the frames that the splat may be in, and those that can be used."""
+
+    source: Path
+    cameras: list[Camera]
+    usable: list[View]
+
+    @classmethod
+    def of(cls, source: Path, cameras: list[Camera]) -> "FramedCameras":
+        return cls(source, cameras, [camera for camera in cameras if isinstance(camera, View)])
+
+    def seeing(self, points: Points) -> "FramedCameras":
+        """The same, of which only the cameras that see points can be used."""
+        return self._replace(usable=[view for view in self.usable if _sees(view, points)])
 
 
 def trained_views(
@@ -55,42 +67,32 @@ def trained_views(
     Raises InputError when they cannot be read, and when none of them sees the splat; warns with a DataWarning about
     those that were dropped.
     """
-    if given is not None and str(given) == NONE:
-        return []
     path = cameras_beside(splat_path) if given is None else Path(given)
-    if path is None:
+    if path is None or (given is not None and str(given) == NONE):
         return []
     with reading(path), np.errstate(all="ignore"):
-        candidates = _candidates(path, splat_path)
+        frames = _frames(path, splat_path)
     solid = _solid(splats)
-    frames = [(views, [view for view in _views(views) if _sees(view, solid)]) for _, views in candidates]
-    if len({source for source, _ in candidates}) > 1:
-        frames = [_fullest(path, [source for source, _ in candidates], frames)]
-    most = max(len(seeing) for _, seeing in frames)
-    if most == 0:
+    frames = [frame.seeing(solid) for frame in frames]
+    if len({frame.source for frame in frames}) > 1:
+        frames = [_fullest(path, frames)]
+    if not any(frame.usable for frame in frames):
         advice = "`cameras` none does without" if given is None else "give those of this capture"
         raise InputError(
-            f"{path}: none of its {len(frames[0][0])} cameras sees a solid splat of {splat_path}: "
+            f"{path}: none of its {len(frames[0].cameras)} cameras sees a solid splat of {splat_path}: "
             f"they belong to another scene, or the splat was moved; {advice}"
         )
-    likely = [frame for frame in frames if len(frame[1]) > most / 2]
-    if len(likely) > 1:
-        sharpness = [_sharpness(seeing, splats) for _, seeing in likely]
-        likely = [frame for frame, sharp in zip(likely, sharpness, strict=True) if sharp > CLEARLY * max(sharpness)]
-    views, seeing = likely[0]
-    blind = ["see no solid splat"] * (len(_views(views)) - len(seeing))
-    _warn_dropped(path, len(views), [*(view for view in views if isinstance(view, str)), *blind])
-    return seeing
+    chosen = _sharpest(frames, splats)
+    _warn_dropped(path, chosen)
+    return chosen.usable
 
 
 def usable_views(path: str | os.PathLike[str]) -> list[View]:
     """The cameras of a path where no splat checks them: those of its fullest model. Raises InputError for none; warns
     about those that were dropped."""
-    candidates = _candidates(Path(path))
-    frames = [(views, _views(views)) for _, views in candidates]
-    views, usable = _fullest(Path(path), [source for source, _ in candidates], frames)
-    _warn_dropped(path, len(views), [view for view in views if isinstance(view, str)])
-    return usable
+    fullest = _fullest(Path(path), _frames(Path(path)))
+    _warn_dropped(path, fullest)
+    return fullest.usable
 
 
 def read_cameras(path: str | os.PathLike[str], splat_path: str | os.PathLike[str] = ".") -> list[list[Camera]]:
@@ -99,81 +101,95 @@ def read_cameras(path: str | os.PathLike[str], splat_path: str | os.PathLike[str
     path: a file or folder, recognised by its content. splat_path: of the splat that they belong to. Raises InputError
     for any other, and for one without cameras.
     """
-    return [views for _, views in _candidates(Path(path), splat_path)]
+    return [frame.cameras for frame in _frames(Path(path), splat_path)]
 
 
-def _views(cameras: Sequence[Camera]) -> list[View]:
-    return [camera for camera in cameras if isinstance(camera, View)]
-
-
-def _warn_dropped(path: str | os.PathLike[str], count: int, reasons: Sequence[str]) -> None:
+def _warn_dropped(path: str | os.PathLike[str], frame: FramedCameras) -> None:
     """One DataWarning about cameras of a file that are left out, why each."""
-    text = " and ".join(f"{number} that {reason}" for reason, number in Counter(reasons).items())
+    reasons = Counter(camera for camera in frame.cameras if isinstance(camera, str))
+    reasons["see no solid splat"] = len(frame.cameras) - reasons.total() - len(frame.usable)
+    text = " and ".join(f"{number} that {reason}" for reason, number in reasons.items() if number)
     if text:
-        warnings.warn(f"{path}: dropped, of {count} cameras, {text}", DataWarning, stacklevel=3)
+        warnings.warn(f"{path}: dropped, of {len(frame.cameras)} cameras, {text}", DataWarning, stacklevel=3)
 
 
-_Frame: TypeAlias = tuple[list[Camera], list[View]]  # cameras in one frame, and those that can be used
-
-
-def _fullest(path: Path, sources: Sequence[Path], frames: Sequence[_Frame]) -> _Frame:
+def _fullest(path: Path, frames: Sequence[FramedCameras]) -> FramedCameras:
     """The model with most usable cameras, the first of equal ones; warns, saying which, where they differ."""
-    most = max(range(len(frames)), key=lambda index: len(frames[index][1]))
-    others = [k for k in range(len(frames)) if k != most and len(frames[k][1]) < len(frames[most][1])]
+    best = max(frames, key=lambda frame: len(frame.usable))
+    others = [frame for frame in frames if len(frame.usable) < len(best.usable)]
     if others:
-        listed = ", ".join(f"{sources[k].relative_to(path)} {len(frames[k][1])}" for k in others)
+        listed = ", ".join(f"{frame.source.relative_to(path)} {len(frame.usable)}" for frame in others)
         warnings.warn(
-            f"{path}: of its {len(frames)} COLMAP models {sources[most].relative_to(path)} is used, the one with most "
-            f"usable cameras ({len(frames[most][1])}; {listed})",
+            f"{path}: of its {len(frames)} COLMAP models {best.source.relative_to(path)} is used, the one with most "
+            f"usable cameras ({len(best.usable)}; {listed})",
             DataWarning,
             stacklevel=3,
         )
-    return frames[most]
+    return best
 
 
-def _candidates(path: Path, splat_path: str | os.PathLike[str] = ".") -> list[tuple[Path, list[Camera]]]:
-    """As `read_cameras`, each with the file or folder that holds it."""
-    if path.is_dir():
-        if is_colmap(path):
-            found = read_colmap(path)
-            for other in larger_models(path):
-                warnings.warn(
-                    f"{path} holds {len(found)} cameras, and {other.name} beside it {len(read_colmap(other))}: "
-                    f"give {other} if the splat was trained with those",
-                    DataWarning,
-                    stacklevel=3,
-                )
-            return [(path, found)]
-        inside = [path / name for name in ("transforms.json", "cameras.json") if (path / name).is_file()]
-        models = colmap_models(path)
-        if models and not inside:
-            return _of_models(path, models)
-        if not inside:
-            raise InputError(f"{path}: no COLMAP model lies in this folder; expected {KINDS}")
-        path = inside[0]
+def _sharpest(frames: Sequence[FramedCameras], splats: Splats) -> FramedCameras:
+    """Of the frames in which most cameras see the splat the likeliest, the first, that shows it nearly as sharp as
+    any."""
+    most = max(len(frame.usable) for frame in frames)
+    likely = [frame for frame in frames if len(frame.usable) > most / 2]
+    if len(likely) == 1:
+        return likely[0]
+    sharpness = [_sharpness(frame.usable, splats) for frame in likely]
+    return next(frame for frame, sharp in zip(likely, sharpness, strict=True) if sharp > CLEARLY * max(sharpness))
+
+
+def _frames(path: Path, splat_path: str | os.PathLike[str] = ".") -> list[FramedCameras]:
+    """The cameras of a path in every frame that the splat may be in, or of each of its COLMAP models."""
+    if not path.is_dir():
+        return _of_json(path, splat_path)
+    if is_colmap(path):
+        return [_of_model(path)]
+    inside = [path / name for name in ("transforms.json", "cameras.json") if (path / name).is_file()]
+    if inside:
+        return _of_json(inside[0], splat_path)
+    models = colmap_models(path)
+    if not models:
+        raise InputError(f"{path}: no COLMAP model lies in this folder; expected {KINDS}")
+    return _of_models(path, models)
+
+
+def _of_json(path: Path, splat_path: str | os.PathLike[str]) -> list[FramedCameras]:
+    """The cameras of a JSON file of either kind, in every frame that the splat may be in."""
     try:
         content = read_json(path)
     except InputError as error:
         raise InputError(f"{error}; expected {KINDS}") from error
-    except ValueError as error:
-        raise InputError(f"{path} is not JSON ({error}); expected {KINDS}") from error
     if isinstance(content, list) and all(isinstance(entry, dict) for entry in content):
-        candidates = [views_of_cameras_json(path, content)]
+        found = [views_of_cameras_json(path, content)]
     elif isinstance(content, dict) and isinstance(content.get("frames"), list):
-        candidates = candidates_of_transforms(path, content, splat_path)
+        found = candidates_of_transforms(path, content, splat_path)
     else:
         raise InputError(f"{path} holds no cameras; expected {KINDS}")
-    if not candidates[0]:
+    if not found[0]:
         raise InputError(f"{path} holds no cameras: its list is empty")
-    return [(path, views) for views in candidates]
+    return [FramedCameras.of(path, cameras) for cameras in found]
 
 
-def _of_models(path: Path, models: Sequence[Path]) -> list[tuple[Path, list[Camera]]]:
+def _of_model(path: Path) -> FramedCameras:
+    """The cameras of a COLMAP model; warns about larger ones beside it."""
+    found = read_colmap(path)
+    for other in larger_models(path):
+        warnings.warn(
+            f"{path} holds {len(found)} cameras, and {other.name} beside it {len(read_colmap(other))}: "
+            f"give {other} if the splat was trained with those",
+            DataWarning,
+            stacklevel=4,
+        )
+    return FramedCameras.of(path, found)
+
+
+def _of_models(path: Path, models: Sequence[Path]) -> list[FramedCameras]:
     """The cameras of several COLMAP models; those that cannot be read are left out beside one that can."""
     found, errors = [], []
     for model in models:
         try:
-            found.append((model, read_colmap(model)))
+            found.append(FramedCameras.of(model, read_colmap(model)))
         except InputError as error:
             errors.append(error)
     if not found:
@@ -210,10 +226,7 @@ def spread_out(views: Sequence[View], count: int) -> list[View]:
 
 def _sees(view: View, points: Points) -> bool:
     """Whether a camera has points in its picture, SEES of them at least: (N, 3) world."""
-    pixels, depth = view.project(points)
-    with np.errstate(invalid="ignore"):
-        inside = (depth > 0) & (pixels >= 0).all(axis=1) & (pixels < [view.width, view.height]).all(axis=1)
-    return bool(np.count_nonzero(inside) >= max(1, SEES * len(points)))
+    return len(view.shown(points)[0]) >= max(1, SEES * len(points))
 
 
 def _solid(splats: Splats) -> Points:
@@ -226,11 +239,9 @@ def _solid(splats: Splats) -> Points:
 def _sharpness(views: Sequence[View], splats: Splats) -> float:
     """Mean over pictures of how much sharp surface they show, 0 to 1: cameras in the right frame show most."""
     from ..render.opacityfield import field_depth
-    from .viewpoints import bounds_of, near_plane
+    from .viewpoints import bounds_of, near_plane, thinned
 
-    near, step = near_plane(bounds_of(splats)), 1 + len(splats) // SKETCH_SPLATS
-    sketch = splats.take(slice(None, None, step))
-    sketch = replace(sketch, scales=sketch.scales * np.float32(np.sqrt(step)))  # so that they cover the same area
+    near, sketch = near_plane(bounds_of(splats)), thinned(splats, np.random.default_rng(0))
     shown = []
     for view in spread_out(views, JUDGES):
         surface = field_depth(sketch, view.resized(JUDGE_PIXELS), near)

@@ -15,11 +15,8 @@ from .poses import Camera, view_of
 
 
 def views_of_cameras_json(path: str | os.PathLike[str], content: list[dict[str, Any]]) -> list[Camera]:
-    """Views of a cameras.json: path, for messages, and its content as json reads it. A list, the reason where
-    one gives none.
-
-    Raises InputError where a camera lacks something or is none.
-    """
+    """Views of a cameras.json: path, for messages, and its content as json reads it. A list, the reason where one gives
+    none. Raises InputError where a camera lacks something or is none."""
     views: list[Camera] = []
     for number, camera in enumerate(content, 1):
         where = f"{path}: camera {number}"

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..base.errors import InputError
+from ..base.gltfnodes import matrix_from_trs
 from ..base.inputs import file_size, reading
 from ..render.view import View
 from .poses import LOST, PANORAMA, Camera
@@ -20,17 +20,31 @@ from .poses import LOST, PANORAMA, Camera
 _Camera: TypeAlias = tuple[int, int, int, tuple[float, ...]]  # focal lengths, width, height, numbers
 _Image: TypeAlias = tuple[int, list[float], list[float]]  # camera, quaternion w x y z, translation
 
-_MODELS = {
-    **{0: ("SIMPLE_PINHOLE", 1, 3), 1: ("PINHOLE", 2, 4), 2: ("SIMPLE_RADIAL", 1, 4), 3: ("RADIAL", 1, 5)},
-    **{4: ("OPENCV", 2, 8), 5: ("OPENCV_FISHEYE", 2, 8), 6: ("FULL_OPENCV", 2, 12), 7: ("FOV", 2, 5)},
-    **{8: ("SIMPLE_RADIAL_FISHEYE", 1, 4), 9: ("RADIAL_FISHEYE", 1, 5), 10: ("THIN_PRISM_FISHEYE", 2, 12)},
-    **{11: ("RAD_TAN_THIN_PRISM_FISHEYE", 2, 16), 12: ("SIMPLE_DIVISION", 1, 4), 13: ("DIVISION", 2, 5)},
-    **{14: ("SIMPLE_FISHEYE", 1, 3), 15: ("FISHEYE", 2, 4), 16: ("EUCM", 2, 6), 17: ("EQUIRECTANGULAR", 0, 2)},
+_PARAMETERS = {
+    "SIMPLE_PINHOLE": "f cx cy",
+    "PINHOLE": "fx fy cx cy",
+    "SIMPLE_RADIAL": "f cx cy k",
+    "RADIAL": "f cx cy k1 k2",
+    "OPENCV": "fx fy cx cy k1 k2 p1 p2",
+    "OPENCV_FISHEYE": "fx fy cx cy k1 k2 k3 k4",
+    "FULL_OPENCV": "fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6",
+    "FOV": "fx fy cx cy omega",
+    "SIMPLE_RADIAL_FISHEYE": "f cx cy k",
+    "RADIAL_FISHEYE": "f cx cy k1 k2",
+    "THIN_PRISM_FISHEYE": "fx fy cx cy k1 k2 p1 p2 k3 k4 sx1 sy1",
+    "RAD_TAN_THIN_PRISM_FISHEYE": "fx fy cx cy k0 k1 k2 k3 k4 k5 p0 p1 s0 s1 s2 s3",
+    "SIMPLE_DIVISION": "f cx cy k",
+    "DIVISION": "fx fy cx cy k",
+    "SIMPLE_FISHEYE": "f cx cy",
+    "FISHEYE": "fx fy cx cy",
+    "EUCM": "fx fy cx cy alpha beta",
+    "EQUIRECTANGULAR": "w h",
 }
-"""Number -> name, focal lengths, parameters: first the focal lengths, then the principal point, then the lens. A
-panorama has neither. Source: COLMAP 4.2, src/colmap/sensor/models.h."""
-_BY_NAME = {name: (focals, count) for name, focals, count in _MODELS.values()}
-_POINT_BYTES = 24  # of a keypoint: x, y, and the point that it shows
+"""The parameters of each camera model, in the order of the models' numbers. A panorama has no focal length. Source:
+COLMAP 4.2, src/colmap/sensor/models.h."""
+
+_BY_NUMBER = dict(enumerate(_PARAMETERS.values()))
+_POINT_BYTES = struct.calcsize("<2dq")  # of a keypoint: x, y, and the point that it shows
 
 
 def is_colmap(folder: Path) -> bool:
@@ -106,17 +120,13 @@ def _view(where: str, camera: _Camera, quat_wxyz: list[float], place: list[float
     if not (0 < width < 2**31 and 0 < height < 2**31 and min(fx, fy) > 0):
         size = f"{width} x {height} pixels, focal lengths {fx:g} and {fy:g}"
         raise InputError(f"{where} has no usable picture: {size}")
-    return View(width, height, fx, fy, cx, cy, _pose(quat_wxyz, place))
+    quat_xyzw = np.roll(quat_wxyz, -1)
+    return View(width, height, fx, fy, cx, cy, matrix_from_trs(np.array(place), quat_xyzw, np.ones(3)))
 
 
-def _pose(quat_wxyz: list[float], place: list[float]) -> NDArray[np.float64]:
-    w, x, y, z = np.array(quat_wxyz) / np.linalg.norm(quat_wxyz)
-    matrix = np.eye(4)
-    matrix[0, :3] = 1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)
-    matrix[1, :3] = 2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)
-    matrix[2, :3] = 2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)
-    matrix[:3, 3] = place
-    return matrix
+def _focals(names: list[str]) -> int:
+    """How many of a model's parameters, the first ones, are focal lengths."""
+    return sum(name in ("f", "fx", "fy") for name in names)
 
 
 def _cameras(data: bytes) -> dict[int, _Camera]:
@@ -124,9 +134,9 @@ def _cameras(data: bytes) -> dict[int, _Camera]:
     found: dict[int, _Camera] = {}
     for _ in range(count):  # ends with an error where the data does
         key, model, width, height = struct.unpack_from("<IiQQ", data, at)
-        _, focals, numbers = _MODELS[model]
-        found[key] = focals, width, height, struct.unpack_from(f"<{numbers}d", data, at + 24)
-        at += 24 + 8 * numbers
+        names = _BY_NUMBER[model].split()
+        found[key] = _focals(names), width, height, struct.unpack_from(f"<{len(names)}d", data, at + 24)
+        at += 24 + 8 * len(names)
     return found
 
 
@@ -149,11 +159,10 @@ def _text_cameras(data: bytes) -> dict[int, _Camera]:
     for line in data.decode().splitlines():
         words = line.split()
         if words and words[0][0] != "#":
-            focals, count = _BY_NAME[words[1]]
-            numbers = tuple(map(float, words[4:]))
-            if len(numbers) != count:
-                raise ValueError(f"a camera {words[1]} has {count} numbers, found {len(numbers)}")
-            found[int(words[0])] = focals, int(words[2]), int(words[3]), numbers
+            names, numbers = _PARAMETERS[words[1]].split(), tuple(map(float, words[4:]))
+            if len(numbers) != len(names):
+                raise ValueError(f"a camera {words[1]} has {len(names)} numbers, found {len(numbers)}")
+            found[int(words[0])] = _focals(names), int(words[2]), int(words[3]), numbers
     return found
 
 

@@ -3,10 +3,11 @@
 import numpy as np
 
 from ..base.arrays import Vector
+from ..base.sphere import level_directions
 from ..render.rasterize import rasterize
 from ..render.view import View
 from ..splats.splats import Splats
-from .viewpoints import OUTER_FOV_DEG, bounds_of, thinned
+from .viewpoints import OUTER_FOV_DEG, bounds_of, corners_of, thinned
 
 SIDES, ELEVATION_DEG = 6, 40.0
 """Views around, and how far each looks down or up."""
@@ -22,22 +23,18 @@ brighter from above."""
 
 
 def brightness_from_above(splats: Splats, up: Vector) -> float:
-    """The brightness of a splat from above over that from below: the ratio of mean display values. 1 for black.
-
-    splats: cleaned Splats. up: (3,) unit, the side to call above, in their frame.
-    """
+    """The brightness of a splat from above over that from below: the ratio of mean display values. 1 for black. splats:
+    cleaned Splats. up: (3,) unit, the side to call above, in their frame."""
     away = np.linalg.norm(splats.means - np.median(splats.means, axis=0), axis=1)
     splats = thinned(splats.take(np.flatnonzero(away <= SURROUNDINGS_FROM * np.median(away))), np.random.default_rng(0))
-    corners = np.stack(np.meshgrid(*bounds_of(splats).T), axis=-1).reshape(-1, 3)
-    ahead = np.linalg.svd(up[None])[2][1]
-    side, level = np.cross(up, ahead), np.cos(np.radians(ELEVATION_DEG))
+    corners = corners_of(bounds_of(splats))
+    level = np.cos(np.radians(ELEVATION_DEG))
     seen = []
     for sign in (1.0, -1.0):
         values = []
-        for turn in np.arange(SIDES) * 2.0 * np.pi / SIDES:
-            backward = level * (np.cos(turn) * ahead + np.sin(turn) * side)
-            backward = backward + sign * np.sin(np.radians(ELEVATION_DEG)) * up
-            view = View.holding(corners, backward, up, OUTER_FOV_DEG, PIXELS, PIXELS)
+        for direction in level_directions(up, SIDES):
+            backward = level * direction + sign * np.sin(np.radians(ELEVATION_DEG)) * up
+            view = View.look_at(backward, np.zeros(3), up, OUTER_FOV_DEG, PIXELS).holding(corners)
             picture = rasterize(splats, view)
             solid = picture.alpha > 0.5
             if solid.any():

@@ -7,10 +7,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.arrays import Vector
+from ..base.sphere import level_axes
 from ..render.view import View
 
 FOV_DEG = 92.0
 """Angle of each of the six views: a little over a cube's face, so that they overlap."""
+
+NEAR = 0.3
+"""Near plane of an eye, over its distance from the nearest surfaces."""
 
 GOLDEN = np.pi * (3 - np.sqrt(5))
 """Each eye's cube is turned by this against the one before, so that their seams fall on different places."""
@@ -25,8 +29,7 @@ class Eye(NamedTuple):
 
 def around(eyes: Sequence[Eye], pixels: int, up: Vector) -> tuple[list[View], NDArray[np.float64]]:
     """Six views from each Eye, and their near planes: list of View, (6 E,) float64. up: (3,) unit."""
-    ahead = np.linalg.svd(np.asarray(up, np.float64)[None])[2][1]
-    side = np.cross(up, ahead)
+    ahead, side = level_axes(up)
     views, near = [], []
     for turn, eye in enumerate(eyes):
         a = turn * GOLDEN

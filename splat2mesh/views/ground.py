@@ -16,13 +16,11 @@ from numpy.typing import NDArray
 from ..base.arrays import Directions, Floats, Integers, Points, Vector
 from ..base.calibration import NOT_RECORDED, Provenance
 from ..base.distinct import distinct
+from ..base.sphere import level_axes
 from ..render.rasterize import rasterize
 from ..render.view import View
-from ..splats.splats import Splats
+from ..splats.splats import SOLID, Splats
 from .viewpoints import even_directions
-
-SOLID = 0.3
-"""Opacity above which a splat is solid enough to be counted here."""
 
 CELLS = 40
 """Cells along the radius that holds half of the detail: all that a cell holds counts once, so that a thing of many
@@ -108,6 +106,16 @@ class Floor:
     opposite: float
     far: float
 
+    @property
+    def open_above(self) -> bool:
+        """Whether no ceiling lies opposite."""
+        return self.opposite < FLOOR.ceiling
+
+    @property
+    def in_place(self) -> bool:
+        """Whether it has surroundings, as places have."""
+        return self.far >= FLOOR.surroundings
+
 
 def ground_of(splats: Splats) -> Ground:
     """Up from the floor of a place: a Ground. splats: cleaned Splats. The same whatever the number of threads."""
@@ -121,56 +129,73 @@ def ground_of(splats: Splats) -> Ground:
 def _level_of_place(floor: Floor) -> NDArray[np.float64] | None:
     """Up of a place whose largest plane faces along z, as in files of scanners and of programs for buildings; None
     for other planes. Where both sides could be up, as between floor and ceiling, it is +z, which those files share."""
-    up = floor.normal if floor.normal[2] > 0 or floor.opposite < FLOOR.ceiling else -floor.normal
+    up = floor.normal if floor.normal[2] > 0 or floor.open_above else -floor.normal
     stands_out = floor.cover >= FLOOR.cover_in_place and floor.lead >= FLOOR.least_lead
     if not stands_out or up[2] < np.cos(np.radians(FLOOR.leans_in_place_deg)):
         return None
-    if floor.opposite < FLOOR.ceiling and floor.sided < FLOOR.least_sided:
+    if floor.open_above and floor.sided < FLOOR.least_sided:
         return None
     return _straight(up)
 
 
+def _leans(up: Vector) -> float:
+    """Degrees between a direction (3,) and the axis nearest to it."""
+    return float(np.degrees(np.arccos(min(1.0, np.abs(up).max()))))
+
+
 def _straight(up: NDArray[np.float64]) -> NDArray[np.float64]:
     """A direction (3,), or the axis that it hardly leans from."""
-    leans = np.degrees(np.arccos(min(1.0, np.abs(up).max())))
-    return np.where(np.abs(up) == np.abs(up).max(), np.sign(up), 0.0) if leans < FLOOR.straight_deg else up
+    on_axis = np.where(np.abs(up) == np.abs(up).max(), np.sign(up), 0.0)
+    return on_axis if _leans(up) < FLOOR.straight_deg else up
 
 
 def _judged(splats: Splats, floor: Floor) -> Ground:
     """The Ground that a plane shows by itself, whatever the splat is."""
-    if floor.cover < FLOOR.least_cover or floor.lead < FLOOR.least_lead:
-        return Ground(None, "no plane stands out as a floor")
-    axis = int(np.abs(floor.normal).argmax())
-    if axis == 0:
-        return Ground(None, "the largest plane faces sideways")
-    open_above, place = floor.opposite < FLOOR.ceiling, floor.far >= FLOOR.surroundings
-    up, assumed = floor.normal, False
-    if not open_above or (axis == 1 and up[1] > 0 and not place):
-        # Either side could be up: the usual one, if the plane agrees; otherwise up is unknown.
-        assumed = axis == 1 and up[1] > 0 and not (open_above and _sharper(splats, up) > FLOOR.least_sharper)
+    doubt = _no_floor(floor)
+    if doubt:
+        return Ground(None, doubt)
+    axis, up, assumed = int(np.abs(floor.normal).argmax()), floor.normal, False
+    if _either_side(floor):
+        # The usual frame decides, if the plane agrees, unless the other side was never seen.
+        seen_alone = floor.open_above and _sharper(splats, up) > FLOOR.least_sharper
+        assumed = up[1] > 0 and not seen_alone
         up = -up if assumed else up
-        if axis != 1:
-            return Ground(None, "between two planes either side could be up")
-    elif floor.sided < FLOOR.least_sided:
-        return Ground(None, "things stand on both sides of the largest plane")
-    if axis == 2 and not (place and up[2] > 0):
-        return Ground(None, "the largest plane may be a wall")
-    leans = np.degrees(np.arccos(min(1.0, np.abs(up).max())))
-    if leans > (FLOOR.leans_in_place_deg if place or not open_above else FLOOR.leans_deg):
+    leans = _leans(up)
+    if leans > (FLOOR.leans_in_place_deg if floor.in_place or not floor.open_above else FLOOR.leans_deg):
         return Ground(None, f"the largest plane leans by {leans:.0f} degrees")
     up = _straight(up)
     name = f"{'+' if up[axis] > 0 else '-'}{'xyz'[axis]}"
-    if assumed and open_above:
+    if assumed and floor.open_above:
         return Ground(up, f"a flat side, {leans:.1f} degrees from {name}, assumed to be the lower one", True)
     return Ground(up, f"the floor, {leans:.1f} degrees from {name}")
+
+
+def _no_floor(floor: Floor) -> str:
+    """Why a plane cannot be a floor of which a side is known to be up, or ""."""
+    if floor.cover < FLOOR.least_cover or floor.lead < FLOOR.least_lead:
+        return "no plane stands out as a floor"
+    axis = int(np.abs(floor.normal).argmax())
+    if axis == 0:
+        return "the largest plane faces sideways"
+    if _either_side(floor):
+        return "" if axis == 1 else "between two planes either side could be up"
+    if floor.sided < FLOOR.least_sided:
+        return "things stand on both sides of the largest plane"
+    return "the largest plane may be a wall" if axis == 2 and not (floor.in_place and floor.normal[2] > 0) else ""
+
+
+def _either_side(floor: Floor) -> bool:
+    """Whether either side of a plane could be up: between a floor and a ceiling, or where an object stands on a plane
+    that faces down in the usual frame."""
+    faces_down = int(np.abs(floor.normal).argmax()) == 1 and floor.normal[1] > 0
+    return bool(not floor.open_above or (faces_down and not floor.in_place))
 
 
 def _sharper(splats: Splats, normal: Vector) -> float:
     """The detail of pictures from the side of a normal over that from the other side."""
     center = np.median(splats.means.astype(np.float64), axis=0)
     radius = np.percentile(np.linalg.norm(splats.means - center, axis=1), 98.0)
-    across = np.linalg.svd(normal[None])[2][1]
-    along = np.cross(normal, across)
+    across, along = level_axes(normal)
     detail = []
     for side in (normal, -normal):
         parts = []
@@ -271,8 +296,7 @@ def _fitted(points: Points, normal: Vector, height: float) -> tuple[Vector, floa
 
 def _outline(points: Points, normal: Vector) -> int:
     """Area of points seen along a normal, in squares of two cells."""
-    side = np.linalg.svd(normal[None])[2][1]
-    squares = [np.floor(_along(points, axis) / 2).astype(np.int64) for axis in (side, np.cross(normal, side))]
+    squares = [np.floor(_along(points, axis) / 2).astype(np.int64) for axis in level_axes(normal)]
     return len(distinct(squares[0] * 65536 + squares[1]))
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 
 from ..base.arrays import Directions, Floats, Vector
+from ..base.sphere import level_directions
 
 TURNS = 24
 """Directions tried as the front, all around."""
@@ -37,19 +38,14 @@ def sharp_side(
     up: Vector,  # (3,) unit
     least: float = CONTRAST,
 ) -> Vector | None:
-    """Return the horizontal direction (3,) that a splat was captured from, or None where there is no one side.
-
-    least: blur from behind over blur from the front that makes one.
-    """
+    """Return the horizontal direction (3,) that a splat was captured from, or None where there is no one side. least:
+    blur from behind over blur from the front that makes one."""
     height = directions @ up
     used = (np.abs(height) < HIGHEST) & np.isfinite(blur)
     flat = directions[used] - height[used, None] * up
     flat /= np.linalg.norm(flat, axis=1, keepdims=True)
     blurred = blur[used]
-    ahead = np.linalg.svd(up[None])[2][1]
-    side = np.cross(up, ahead)
-    turns = np.arange(TURNS) * 2 * np.pi / TURNS
-    towards = np.cos(turns)[:, None] * ahead + np.sin(turns)[:, None] * side
+    towards = level_directions(up, TURNS)
     contrasts = np.array([_contrast(flat @ toward, blurred) for toward in towards])
     if contrasts.max() < least:
         return None

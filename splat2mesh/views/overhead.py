@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.arrays import Directions, Faces, Floats, Mask, Points, Vector
+from ..base.arrays import Directions, Faces, Floats, Points, Vector
 from ..render.raycaster import RayCaster
 from ..render.view import View
 from .eyes import Eye, around
@@ -30,26 +30,21 @@ MOST_LEAK = 0.0125
 
 
 class Overhead(NamedTuple):
-    """Lines of sight from a room's free places to its ceiling, and the eyes that see it.
-
-    lines: (L, 6) float32, each an origin and the way to where the splats are opaque, splat frame. eyes: list of Eye.
-    up: (3,) unit.
-    """
+    """Lines of sight from a room's free places to its ceiling, and the eyes that see it. lines: (L, 6) float32, each an
+    origin and the way to where the splats are opaque, splat frame. eyes: list of Eye. up: (3,) unit."""
 
     lines: NDArray[np.float32]
     eyes: Sequence[Eye]
     up: Vector
 
     @classmethod
-    def of(
-        cls, points: Points, directions: Directions, distance: Floats, met: Mask, up: Vector, eyes: Sequence[Eye]
-    ) -> "Overhead":
-        """From rays of M points (M, 3) in K unit directions: how far they went (M, K), and which met the foreground."""
+    def of(cls, points: Points, directions: Directions, met: Floats, up: Vector, eyes: Sequence[Eye]) -> "Overhead":
+        """From rays of M points (M, 3) in K unit directions: how far away each met the foreground, (M, K), or NaN."""
         rising = np.flatnonzero(directions @ up > UP_LEAST)
-        point, ray = np.nonzero(met[:, rising])
+        point, ray = np.nonzero(np.isfinite(met[:, rising]))
         step = 1 + len(point) // MOST_LINES
         point, ray = point[::step], rising[ray[::step]]
-        way = distance[point, ray, None] * directions[ray]
+        way = met[point, ray, None] * directions[ray]
         return cls(np.hstack([points[point], way]).astype(np.float32), eyes, up)
 
     def leak(self, points: Points, faces: Faces) -> float:

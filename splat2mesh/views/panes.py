@@ -10,12 +10,9 @@ import numpy as np
 
 from ..base.arrays import Bounds, Mask
 from ..render.opacitygrid import OpacityGrid
+from ..scene.color import CLIPPED_SRGB
 from ..splats.splats import SH_C0, Splats
 from .eyes import Eye
-
-WHITE = 0.97
-"""Least sRGB value of all channels of a splat that shows what a photograph clipped: a lamp, the sky, or paper in the
-sun. As of `surface.captured_sky`."""
 
 LEAST_OPEN, LEAST_SKY = 0.9, 0.2
 """Part of the eyes to which a splat shows that see nothing of the room behind it, and that see the far background
@@ -34,7 +31,8 @@ def sky_in_panes(splats: Splats, far: Mask, bounds: Bounds, eyes: Sequence[Eye])
     in the room. They are white in all channels, and behind them the eyes see no surface, only the background.
     """
     found = np.zeros(len(splats), bool)
-    white = ~far & ((splats.sh[:, 0] * np.float32(SH_C0) + np.float32(0.5)).min(axis=1) > WHITE)
+    # A lamp, the sky, or paper in the sun.
+    white = ~far & ((splats.sh[:, 0] * np.float32(SH_C0) + np.float32(0.5)).min(axis=1) > CLIPPED_SRGB)
     rows = np.flatnonzero(white)
     if not len(rows) or not far.any() or not len(eyes):
         return found

@@ -5,17 +5,21 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from ..base.arrays import Faces, Floats, Points, Vector
+from ..base.sphere import level_directions
+from ..render.beside import WIDTH
 from ..render.raycaster import RayCaster
 from ..render.view import View
 from .eyes import Eye
+from .viewpoints import PICTURE_ASPECT, PICTURE_TURNS
 
-ASPECT, FOV_DEG = 4 / 3, 70.0
-"""Width over height of the picture, and its horizontal angle."""
+FOV_DEG = 70.0
+"""Horizontal angle of the picture."""
 
-COLUMNS, ROWS = 32, 24
+COLUMNS = 32
+ROWS = round(COLUMNS / PICTURE_ASPECT)
 """Rays of a candidate: enough to distinguish a wall from a garden."""
 
-TURNS, TILTS_DEG = 12, (-6.0, -18.0)
+TILTS_DEG = -6.0, -18.0
 """Directions tried from each eye: all around, a little and clearly downwards, as people look at places."""
 
 SAMPLED = 20_000
@@ -49,16 +53,13 @@ def place_view(
     typical = float(np.median(met)) if len(met) else 1.0
     worth = [_worth(view, depth, points, typical) for view, depth in zip(views, depths, strict=True)]
     best = views[int(np.argmax(worth))]
-    return View.look_at(best.center, best.center + best.forward, up, FOV_DEG, 640, round(640 / ASPECT))
+    return View.look_at(best.center, best.center + best.forward, up, FOV_DEG, WIDTH, round(WIDTH / PICTURE_ASPECT))
 
 
 def _candidates(eyes: Sequence[Eye], trained: Sequence[View], up: Vector) -> list[View]:
-    ahead = np.linalg.svd(up[None])[2][1]
-    side = np.cross(up, ahead)
     looks = [(view.center, view.forward) for view in trained]
     for eye in eyes:
-        for turn in np.arange(TURNS) * 2 * np.pi / TURNS:
-            level = np.cos(turn) * ahead + np.sin(turn) * side
+        for level in level_directions(up, PICTURE_TURNS):
             looks += [(eye.center, level + np.tan(np.radians(tilt)) * up) for tilt in TILTS_DEG]
     return [View.look_at(center, center + forward, up, FOV_DEG, COLUMNS, ROWS) for center, forward in looks]
 
@@ -76,10 +77,8 @@ def mesh_depth(vertices: Points, faces: Faces) -> Callable[[View], Floats]:
 
 
 def _worth(view: View, depth: Floats, points: Points, typical: float) -> float:
-    pixels, z = view.project(points)
-    inside = (z > 0) & (pixels >= 0).all(axis=1) & (pixels < [COLUMNS, ROWS]).all(axis=1)
-    column, row = pixels[inside].astype(int).T
-    shown = (z[inside] < SEEN * depth[row, column]).sum() / len(points)
+    _, pixel, z = view.shown(points)
+    shown = (z < SEEN * depth[tuple(pixel)]).sum() / len(points)
     met = depth[np.isfinite(depth)]
     near = float(np.percentile(met, 5)) if len(met) else 0.0
     return shown * min(near / (ROOMY * typical), 1.0) * (0.3 + 0.7 * len(met) / depth.size)

@@ -7,18 +7,18 @@ cameras can have stood: inside a hollow object it is far too short.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..base.arrays import Bounds, Directions, Floats, Indices, Integers, Mask, Points, Vector
+from ..base.arrays import Bounds, Floats, Indices, Integers, Mask, Points, Vector
 from ..base.calibration import NOT_RECORDED, Provenance
 from ..base.errors import InputError
-from ..render.opacitygrid import OpacityGrid
+from ..render.opacitygrid import OCCUPIED, OpacityGrid
 from ..splats.splats import Splats
-from .eyes import Eye
+from .eyes import NEAR, Eye
 from .freespace import FreeSpace
 from .overhead import Overhead
 from .viewpoints import even_directions
@@ -27,12 +27,8 @@ PLACES, RAYS, TRIED, LEAST_PLACES = 2500, 256, 40_000, 50
 """Free places, rays from each, cells tried at random until so many are found, and places without which nobody stood
 inside."""
 
-FIRST_PLACES = 400
-"""Free places that are looked from first: where none of them is enclosed or surrounded, as about most objects, the
-others are not. A share of ROOM_SHARE among all would be missed once in three thousand times."""
-
-CLEAR_CELLS, TAKEN = 3, 0.3
-"""Cells around a free place that hold no optical depth above this."""
+CLEAR_CELLS = 3
+"""Cells around a free place that nothing has OCCUPIED."""
 
 
 @dataclass(frozen=True)
@@ -71,18 +67,18 @@ STANDPOINTS = StandpointCalibration()
 ROOM_SHARE = STANDPOINTS.room_share
 """Share of enclosed free positions above which a capture shows a room."""
 
-ROOM_EYES, GARDEN_EYES = 24, 24
+EYES = 24
 """Eyes at most: in the open, views from around join them."""
 
-STEEP, BURIED = 0.5, 0.5
+STEEP = BURIED = 0.5
 """Rays up and down lean by less than 60 degrees; underground fewer than half as many hit below as above. In two gardens
 and on a plaza the ratio was 0 to .1 there, and 1.5 or more at the eyes chosen above the ground."""
 
 STRAYS = 2.0
 """Percentile of the heights at which rays hit the foreground, above which they are the ground."""
 
-NEAR_CLEARANCE, NEAR_DIAGONAL = 0.3, 0.002
-"""Near plane of an eye: the part of the way to its nearest surfaces, and of the scene's diagonal at least."""
+NEAR_DIAGONAL = 0.002
+"""Near plane of an eye, over the scene's diagonal, at least."""
 
 WANTED = 3.0
 """Eyes after which another one of the same patch of surface adds nothing."""
@@ -111,6 +107,9 @@ class Standpoints:
     overhead: Overhead | None = None
 
 
+OUTSIDE = Standpoints("outside", [], 0.0, 0.0, 0.0, 0.0)
+
+
 def standpoints(
     splats: Splats,
     bounds: Bounds,
@@ -127,39 +126,26 @@ def standpoints(
     Raises InputError for a hint inside a surface, and for a view from inside without a free place to stand.
     """
     if choice == "outside":
-        return Standpoints("outside", [], 0.0, 0.0, 0.0, 0.0)
-    grid = OpacityGrid.around(splats, bounds)
-    places = np.array(hints, np.float64).reshape(-1, 3)
+        return OUTSIDE
+    grid, places = OpacityGrid.around(splats, bounds), np.array(hints, np.float64).reshape(-1, 3)
     _check_hints(grid, places)
     points = free_places(grid, np.random.default_rng(seed))
     if len(points) < LEAST_PLACES and choice == "auto" and len(places) == 0:
-        return Standpoints("outside", [], 0.0, 0.0, 0.0, 0.0)
-    looks = _RayFans.cast(grid, np.concatenate([places, points[:FIRST_PLACES]]))
-    if choice == "auto" and len(places) == 0 and not (looks.enclosed | looks.surrounded).any():
-        return Standpoints("outside", [], 0.0, 0.0, 0.0, 0.0)
-    looks = looks.joined(_RayFans.cast(grid, points[FIRST_PLACES:]))
+        return OUTSIDE
+    looks = _RayFans.cast(grid, np.concatenate([places, points]))
     shares = float(looks.enclosed[len(places) :].mean()), float(looks.surrounded[len(places) :].mean())
-    kind = _kind(grid, bounds, *shares)
-    if kind == "outside" and (choice == "inside" or len(places)):
-        kind = "inside" if choice == "inside" else "both"
-    elif choice == "inside":
-        kind = "inside"
+    kind = "inside" if choice == "inside" else _kind(grid, bounds, *shares)
     if kind == "outside":
-        return Standpoints(kind, [], 0.0, 0.0, *shares)
+        if len(places) == 0:
+            return replace(OUTSIDE, share_enclosed=shares[0], share_surrounded=shares[1])
+        kind = "both"
     fit = np.ones(len(looks.points), bool) if up is None or kind == "inside" else ~looks.underground(up)
     chosen, distance, focal = _chosen(looks, kind, len(places), fit)
-    diagonal = float(np.linalg.norm(np.ptp(bounds, axis=0)))
-    eyes = []
-    for index in chosen:
-        clearance = float(np.percentile(looks.distance[index][looks.hit[index]], 2))
-        eyes.append(Eye(looks.points[index], max(NEAR_CLEARANCE * clearance, NEAR_DIAGONAL * diagonal)))
-    space = overhead = None
+    eyes = looks.eyes(chosen, NEAR_DIAGONAL * float(np.linalg.norm(np.ptp(bounds, axis=0))))
     if kind == "both":
-        lowest = looks.lowest(up, chosen) if up is not None else 0.0
-        space = FreeSpace(splats, bounds, eyes, up, lowest)
-    elif up is not None:
-        overhead = looks.overhead(up, eyes)
-    return Standpoints(kind, eyes, distance, focal, *shares, space, overhead)
+        space = FreeSpace(splats, bounds, eyes, up, looks.lowest(up, chosen) if up is not None else 0.0)
+        return Standpoints(kind, eyes, distance, focal, *shares, space)
+    return Standpoints(kind, eyes, distance, focal, *shares, None, None if up is None else looks.overhead(up, eyes))
 
 
 class _RayFans(NamedTuple):
@@ -190,10 +176,18 @@ class _RayFans(NamedTuple):
             per_point += [seen.mean(axis=1), _median(np.where(seen, ratio, np.nan))]
         return cls(points, directions, distance, pixel, hit, inner, *per_point)
 
-    def joined(self, other: "_RayFans") -> "_RayFans":
-        """These points and then others, which were looked from in the same directions."""
-        both = {name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in self._fields}
-        return _RayFans(**both | {"directions": self.directions})
+    def take(self, rows: Indices) -> "_RayFans":
+        """Some of the points."""
+        per_point = (each[rows] for each in self[2:])
+        return _RayFans(self.points[rows], self.directions, *per_point)
+
+    def eyes(self, rows: Indices, nearest: float) -> list[Eye]:
+        """An Eye at some of the points. nearest: least near plane."""
+        found = []
+        for row in rows:
+            clearance = float(np.percentile(self.distance[row][self.hit[row]], 2))
+            found.append(Eye(self.points[row], max(NEAR * clearance, nearest)))
+        return found
 
     @property
     def enclosed(self) -> Mask:
@@ -211,9 +205,9 @@ class _RayFans(NamedTuple):
 
     def overhead(self, up: Vector, eyes: Sequence[Eye]) -> Overhead:
         """What closes a room above, as its enclosed points see it. up: (3,) unit. eyes: those chosen."""
-        stood = np.flatnonzero(self.enclosed)
-        met = self.distance[stood], self.inner[stood]
-        return Overhead.of(self.points[stood], self.directions, *met, up, eyes)
+        stood = self.take(np.flatnonzero(self.enclosed))
+        met = np.where(stood.inner, stood.distance, np.nan)
+        return Overhead.of(stood.points, stood.directions, met, up, eyes)
 
     def lowest(self, up: Vector, chosen: Indices) -> float:
         """Height of the lowest foreground that some of the points see, but for strays. up: (3,) unit."""
@@ -235,9 +229,7 @@ def _kind(grid: OpacityGrid, bounds: Bounds, enclosed: float, surrounded: float)
 
 def _chosen(looks: _RayFans, kind: str, hints: int, stands: Mask) -> tuple[Indices, float, float]:
     """Indices of the eyes, the first `hints` points first, the median distance of hits, the implied focal length.
-
-    stands: (M,) bool, which of the points people can stand at.
-    """
+    stands: (M,) bool, which of the points people can stand at."""
     share, focal = (looks.share_inner, looks.focal_inner) if kind == "inside" else (looks.share, looks.focal)
     usable = looks.enclosed if kind == "inside" else looks.surrounded
     if not usable.any():
@@ -254,10 +246,8 @@ def _chosen(looks: _RayFans, kind: str, hints: int, stands: Mask) -> tuple[Indic
     kept = np.flatnonzero(fit)
     seen = looks.inner if looks.inner[kept].any() else looks.hit
     median = float(np.median(looks.distance[kept][seen[kept]]))
-    rows = looks.distance[kept], looks.pixel[kept], seen[kept]
-    count = ROOM_EYES if kind == "inside" else GARDEN_EYES
     first = np.flatnonzero(kept < hints)
-    return kept[_cover(looks.points[kept], looks.directions, *rows, median, count, first)], median, typical
+    return kept[_cover(looks.take(kept), seen[kept], median, first)], median, typical
 
 
 def _check_hints(grid: OpacityGrid, hints: Points) -> None:
@@ -271,13 +261,13 @@ def _check_hints(grid: OpacityGrid, hints: Points) -> None:
                 f"`eyes` {place} lies outside the scene, whose box is {box[0]} to {box[1]} in the splat's frame"
             )
         around = tuple(slice(max(c - 1, 0), c + 2) for c in cell)
-        if (inner[around] > TAKEN).any():
+        if (inner[around] > OCCUPIED).any():
             raise InputError(f"`eyes` {place} lies inside a surface: choose a free place, in the splat's own frame")
 
 
 def free_places(grid: OpacityGrid, rng: np.random.Generator) -> NDArray[np.float64]:
     """Up to PLACES random points of the innermost grid that keep clear of what is opaque: (M, 3) float64."""
-    taken, shape = grid.inner() > TAKEN, grid.shapes[0]
+    taken, shape = grid.inner() > OCCUPIED, grid.shapes[0]
     tried = rng.integers(0, shape, (TRIED, 3))
     free = []
     for cell in tried:
@@ -297,17 +287,9 @@ def _median(values: Floats) -> Floats:
     return found
 
 
-def _cover(
-    points: Points,
-    directions: Directions,
-    distance: Floats,
-    pixel: Floats,
-    usable: Mask,
-    median: float,
-    count: int,
-    first: Integers,
-) -> Indices:
-    """Indices of at most `count` eyes, `first` before others: each adds most to what those before it saw least."""
+def _cover(looks: _RayFans, usable: Mask, median: float, first: Integers) -> Indices:
+    """Indices of at most EYES eyes, `first` before others: each adds most to what those before it saw least."""
+    points, directions, distance, pixel = looks[:4]
     where = np.where(usable, distance, 0)[..., None] * directions + points[:, None]
     cells = np.floor((where - where.min(axis=(0, 1))) / (median / 8)).astype(np.int64)
     facing = np.abs(directions).argmax(axis=1)
@@ -327,7 +309,7 @@ def _cover(
     ends = np.searchsorted(owner, np.arange(len(points) + 1))
     seen = np.zeros(key.max() + 1)
     chosen: list[int] = []
-    for _ in range(min(count, len(points))):
+    for _ in range(min(EYES, len(points))):
         gain = np.bincount(owner, quality * np.maximum(1 - seen[key] / WANTED, 0.02), len(points))
         gain[chosen] = -1
         chosen.append(int(first[len(chosen)] if len(chosen) < len(first) else gain.argmax()))

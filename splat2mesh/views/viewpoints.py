@@ -8,16 +8,19 @@ and a greedy cover picks, one by one, the view that shows most of the least seen
 import warnings
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from ..base import sphere
-from ..base.arrays import Bounds, Floats, Matrix3, Points, Vector
+from ..base.arrays import Bounds, Floats, Indices, Matrix3, Points, Vector
 from ..base.errors import DataWarning
+from ..base.sphere import level_directions
 from ..render.opacityfield import FieldDepth, field_depth
 from ..render.view import View
-from ..splats.splats import Splats
+from ..splats.splats import SOLID, Splats
 from .freespace import FreeSpace
 from .oneside import SUSPECTED, sharp_side
 
@@ -25,15 +28,15 @@ OUTER_FOV_DEG, INNER_FOV_DEG = 40.0, 90.0
 CANDIDATE_PIXELS = 80
 """Side of a candidate's picture: enough to judge it, at a fraction of the cost of a real view."""
 
-PICTURE_ASPECT = 4 / 3
-"""Shape of the picture that a scene is shown with."""
+PICTURE_ASPECT, PICTURE_TURNS = 4 / 3, 12
+"""Shape of the picture that a scene is shown with, and how many directions all around are tried for it."""
 
 FLATNESSES, ELEVATIONS_DEG = (0.3, 0.9), (24.0, 10.0)
 """Height of a thing over its width, and the angle from which its picture looks down on it: a table shows its top, what
 stands upright is seen as one stands before it, with the horizon behind."""
 
-PICTURE_FOV_DEG = 75.0
-"""Angle of a picture from inside."""
+FEW = 100
+"""Solid splats that say more of a shape than all splats, or its box, do."""
 
 SKETCH_SPLATS = 40_000
 """Gaussians in the sample that judges candidates: a view does not depend on every one of millions."""
@@ -56,9 +59,6 @@ FREE_GRID = 32
 SEALED_ROOM_SHARE = 0.6
 """Share of the box above which sealed space counts as a room; the inside of a sphere is half of its box."""
 
-INSIDE_SHARPER = 3.0
-"""Sharpness of the inside over the outside from which a scene is shown from inside."""
-
 WANTED_VIEWS = 4
 """Views after which another one of the same cell adds nothing to its coverage."""
 
@@ -78,10 +78,15 @@ CHOICE = 0.75
 
 def bounds_of(splats: Splats) -> NDArray[np.float64]:
     """The box that holds the solid part of a splat: (2, 3) float64; stray floaters and far background lie outside."""
-    solid = splats.means[splats.opacities > 0.3] if (splats.opacities > 0.3).sum() > 100 else splats.means
-    low, high = np.percentile(solid, [0.5, 99.5], axis=0)
+    solid = splats.means[splats.opacities > SOLID]
+    low, high = np.percentile(solid if len(solid) > FEW else splats.means, [0.5, 99.5], axis=0)
     margin = 0.02 * np.linalg.norm(high - low) + 1e-12
     return np.stack([low - margin, high + margin]).astype(np.float64)
+
+
+def corners_of(bounds: Bounds) -> NDArray[np.float64]:
+    """The corners (8, 3) of a box (2, 3)."""
+    return np.stack(np.meshgrid(*bounds.T), axis=-1).reshape(-1, 3)
 
 
 def near_plane(bounds: Bounds) -> float:
@@ -89,53 +94,68 @@ def near_plane(bounds: Bounds) -> float:
     return 0.005 * float(np.linalg.norm(np.ptp(bounds, axis=0)))
 
 
+class Judged(NamedTuple):
+    """M candidates, and what each of them shows. coverage: (M, cells) float32, how well each cell of the box is seen.
+    fuzziness: (M,), the median of what is shown, inf for nothing. edges: (M,), the amount of edges in the picture."""
+
+    views: Sequence[View]
+    coverage: NDArray[np.float32]
+    fuzziness: Floats
+    edges: Floats
+
+    @classmethod
+    def by(cls, splats: Splats, views: Sequence[View], bounds: Bounds) -> "Judged":
+        """What views show of splats."""
+        coverage, fuzziness, edges = [], [], []
+        for view in views:
+            surface = field_depth(splats, view, near_plane(bounds))
+            cells, fuzz = _what_is_seen(surface, view, bounds)
+            coverage.append(cells)
+            fuzziness.append(fuzz)
+            edges.append(_edges(surface))
+        return cls(views, np.array(coverage), np.array(fuzziness), np.array(edges))
+
+    def take(self, rows: Indices) -> "Judged":
+        """Some of them."""
+        return Judged([self.views[row] for row in rows], *(each[rows] for each in self[1:]))
+
+
 def virtual_views(
-    splats: Splats,
-    count: int,
-    pixels: int,
-    up: Vector,
-    seed: int = 0,
-    space: FreeSpace | None = None,
-    tell: bool = False,
+    splats: Splats, count: int, pixels: int, up: Vector, seed: int = 0, space: FreeSpace | None = None
 ) -> list[View]:
     """Choose `count` views of a splat, or up to a quarter more where parts of it would go unseen.
 
     splats: cleaned Splats. pixels: longer side of the views returned.
     up: (3,) unit, the up direction in the splat's frame. seed: for the jitter of the candidates. space: where all of
     them stand, or None for anywhere: then all look from the side that the capture looked from, if it was one.
-    tell: whether to warn of such a capture.
-    Returns a list of View, the ones that show most first.
+    Returns a list of View, the ones that show most first. Warns with a DataWarning of a capture from one side.
     """
-    bounds = bounds_of(splats)
-    near = near_plane(bounds)
-    candidates = candidate_views(splats, count, up, seed)
-    if space is not None and candidates:
-        free = space.holds(np.stack([view.center for view in candidates]))
-        candidates = [view for view, stands in zip(candidates, free, strict=True) if stands]
+    bounds, views = bounds_of(splats), candidate_views(splats, count, up, seed)
+    if space is not None and views:
+        views = [views[row] for row in np.flatnonzero(space.holds(np.stack([view.center for view in views])))]
     sketch = thinned(splats, np.random.default_rng(seed), OBJECT_SKETCH if space is None else SKETCH_SPLATS)
-    sketch = replace(sketch, sh=sketch.sh[:, :1])  # no candidate is judged by its colours
-    coverage, fuzziness, blur = [], [], []
-    for view in candidates:
-        surface = field_depth(sketch, view, near)
-        cells, fuzz = _what_is_seen(surface, view, bounds)
-        coverage.append(cells)
-        fuzziness.append(fuzz)
-        blur.append(fuzz / max(_edges(surface), 1e-12))
-    backward = np.stack([-view.forward for view in candidates]) if candidates else np.zeros((0, 3))
-    front = sharp_side(backward[:count], np.array(blur[:count]), up, SUSPECTED) if space is None else None
-    if front is not None:  # also what has plain walls behind; the surfaces of a clearer sketch decide
-        clear = thinned(splats, np.random.default_rng(seed), CLEARER * SKETCH_SPLATS)
-        seen = [_what_is_seen(field_depth(clear, view, near), view, bounds)[1] for view in candidates[:count]]
-        front = sharp_side(backward[:count], np.array(seen), up)
-    if front is not None:
-        kept = np.flatnonzero(backward @ front > 0.0)
-        candidates, fuzziness = [candidates[k] for k in kept], [fuzziness[k] for k in kept]
-        coverage = [coverage[k] for k in kept]
-        if tell:
-            message = "captured from one side: sharp from there, a blur from behind; what no camera saw stays open"
-            warnings.warn(message, DataWarning, stacklevel=2)
-    chosen = _cover(np.array(coverage), np.array(fuzziness), count)
-    return [candidates[index].resized(pixels) for index in chosen]
+    judged = Judged.by(replace(sketch, sh=sketch.sh[:, :1]), views, bounds)  # no candidate is judged by its colours
+    if space is None:
+        judged = _from_its_side(judged, splats, count, up, seed)
+    return [judged.views[row].resized(pixels) for row in _cover(judged.coverage, judged.fuzziness, count)]
+
+
+def _from_its_side(judged: Judged, splats: Splats, count: int, up: Vector, seed: int) -> Judged:
+    """Of candidates, the first `count` of them from all around, those on the side that the capture looked from, if it
+    was one; else all. Where their own sketch suspects that, the surfaces of a clearer one decide."""
+    backward = np.stack([-view.forward for view in judged.views])
+    blur = judged.fuzziness / np.maximum(judged.edges, 1e-12)
+    if sharp_side(backward[:count], blur[:count], up, SUSPECTED) is None:
+        return judged
+    # Also what has plain walls behind is suspected.
+    clear = thinned(splats, np.random.default_rng(seed), CLEARER * SKETCH_SPLATS)
+    seen = Judged.by(clear, judged.views[:count], bounds_of(splats)).fuzziness
+    front = sharp_side(backward[:count], seen, up)
+    if front is None:
+        return judged
+    message = "captured from one side: sharp from there, a blur from behind; what no camera saw stays open"
+    warnings.warn(message, DataWarning, stacklevel=3)
+    return judged.take(np.flatnonzero(backward @ front > 0.0))
 
 
 def candidate_views(splats: Splats, count: int, up: Vector, seed: int = 0) -> list[View]:
@@ -144,7 +164,7 @@ def candidate_views(splats: Splats, count: int, up: Vector, seed: int = 0) -> li
     bounds = bounds_of(splats)
     center, radius = bounds.mean(axis=0), np.linalg.norm(np.diff(bounds, axis=0)) / 2
     distance = radius / np.sin(np.radians(OUTER_FOV_DEG) / 2)
-    corners = np.stack(np.meshgrid(*bounds.T), axis=-1).reshape(-1, 3)
+    corners = corners_of(bounds)
     views = []
     for direction in even_directions(count):
         view = View.look_at(center + distance * direction, center, up, OUTER_FOV_DEG, CANDIDATE_PIXELS)
@@ -159,38 +179,22 @@ def candidate_views(splats: Splats, count: int, up: Vector, seed: int = 0) -> li
     return views
 
 
-def picture_view(splats: Splats, up: Vector, within: bool = False) -> View:
-    """A view that makes a good picture of a splat: from slightly above and the side with most to see.
-
-    splats: dilated Splats. up: (3,) unit. within: whether it may be a room, to be shown from inside where that is much
-    sharper. Returns a View with the aspect PICTURE_ASPECT.
-    """
-    rng = np.random.default_rng(0)
-    bounds = bounds_of(splats)
-    near, sketch = near_plane(bounds), thinned(splats, rng)
+def picture_view(splats: Splats, up: Vector) -> View:
+    """A view that makes a good picture of a splat: from slightly above and the side with most to see. splats: dilated
+    Splats. up: (3,) unit. Returns a View with the aspect PICTURE_ASPECT."""
+    bounds, sketch = bounds_of(splats), thinned(splats, np.random.default_rng(0))
     solid = sketch.means[
-        (sketch.opacities > 0.3) & ((sketch.means > bounds[0]) & (sketch.means < bounds[1])).all(axis=1)
+        (sketch.opacities > SOLID) & ((sketch.means > bounds[0]) & (sketch.means < bounds[1])).all(axis=1)
     ]
-    held = solid if len(solid) > 100 else np.stack(np.meshgrid(*bounds.T), axis=-1).reshape(-1, 3)
-    ahead = np.linalg.svd(up[None])[2][1]
-    side = np.cross(up, ahead)
+    held = solid if len(solid) > FEW else corners_of(bounds)
     size = CANDIDATE_PIXELS, round(CANDIDATE_PIXELS / PICTURE_ASPECT)
-    tilt = np.tan(picture_elevation(held, up))
-    turns = np.arange(12) * np.pi / 6
-    backwards = [np.cos(a) * ahead + np.sin(a) * side + tilt * up for a in turns]
-    from_around = [View.holding(held, backward, up, OUTER_FOV_DEG, *size, margin=1.2) for backward in backwards]
-    from_within = [
-        View.look_at(eye, eye - backward, up, PICTURE_FOV_DEG, *size)
-        for eye in (_free_places(splats, bounds, 3, rng) if within else ())
-        for backward in backwards[::2]
-    ]
-
-    outside = [(view, *_judge(sketch, view, near, bounds)) for view in from_around]
-    inside = [(view, *_judge(sketch, view, near, bounds)) for view in from_within]
-    sharpest = min(fuzz for _, fuzz, _ in outside)
-    # What is seen from inside a room is much sharper than what is seen of it from outside.
-    from_inside = bool(inside) and min(fuzz for _, fuzz, _ in inside) < sharpest / INSIDE_SHARPER
-    return _best_picture(inside if from_inside else outside)
+    tilt = np.tan(picture_elevation(held, up)) * up
+    backwards = level_directions(up, PICTURE_TURNS) + tilt
+    ways = [View.look_at(backward, np.zeros(3), up, OUTER_FOV_DEG, *size) for backward in backwards]
+    views = [way.holding(held, margin=1.2) for way in ways]
+    judged = Judged.by(sketch, views, bounds)
+    sharp = 2 * judged.fuzziness.min() + 1e-12
+    return views[int(np.argmax(judged.edges / (1 + (judged.fuzziness / sharp) ** 2)))]
 
 
 def picture_elevation(points: Points, up: Vector) -> float:
@@ -201,21 +205,9 @@ def picture_elevation(points: Points, up: Vector) -> float:
     return np.radians(np.interp(np.ptp(heights) / max(width, 1e-12), FLATNESSES, ELEVATIONS_DEG))
 
 
-def _judge(sketch: Splats, view: View, near: float, bounds: Bounds) -> tuple[float, float]:
-    """Blur of a view, and the amount of its edges."""
-    surface = field_depth(sketch, view, near)
-    _, fuzz = _what_is_seen(surface, view, bounds)
-    return fuzz, _edges(surface)
-
-
 def _edges(surface: FieldDepth) -> float:
     """The amount of the edges in the picture of a surface."""
     return np.abs(np.diff(np.where(surface.alpha[..., None] > 0.5, surface.color, 0.5), axis=1)).sum()
-
-
-def _best_picture(pool: Sequence[tuple[View, float, float]]) -> View:
-    sharp = 2 * min(fuzz for _, fuzz, _ in pool) + 1e-12
-    return max(pool, key=lambda entry: entry[2] / (1 + (entry[1] / sharp) ** 2))[0]
 
 
 def even_directions(count: int) -> NDArray[np.float64]:
@@ -224,12 +216,8 @@ def even_directions(count: int) -> NDArray[np.float64]:
 
 
 def _free_places(splats: Splats, bounds: Bounds, count: int, rng: np.random.Generator) -> NDArray[np.float64]:
-    """Up to `count` points inside the box that keep clear of all splats, as far from one another as can be.
-
-    Space that surfaces seal off is the inside of an object, unless it is most of the box: then it is a room.
-    """
-    from scipy.ndimage import binary_dilation, label
-
+    """Up to `count` points inside the box that keep clear of all splats, as far from one another as can be. Space that
+    surfaces seal off is the inside of an object, unless it is most of the box: then it is a room."""
     cell = np.ptp(bounds, axis=0).max() / FREE_GRID
     shape = np.maximum(np.ceil(np.ptp(bounds, axis=0) / cell).astype(int), 1)
     inside = (splats.opacities > 0.1) & ((splats.means >= bounds[0]) & (splats.means < bounds[1])).all(axis=1)
@@ -238,7 +226,7 @@ def _free_places(splats: Splats, bounds: Bounds, count: int, rng: np.random.Gene
     taken[tuple(cells.T)] = True
     # With enough space around it, the box's outside is one region that every window and skylight opens to.
     margin = CLEARANCE + 1
-    regions, _ = label(~binary_dilation(np.pad(taken, margin), iterations=CLEARANCE))
+    regions, _ = scipy.ndimage.label(~scipy.ndimage.binary_dilation(np.pad(taken, margin), iterations=CLEARANCE))
     roomy = np.bincount(regions.ravel()) > SEALED_ROOM_SHARE * taken.size
     roomy[0], roomy[regions[0, 0, 0]] = False, True
     free = np.argwhere(roomy[regions[margin:-margin, margin:-margin, margin:-margin]])

@@ -196,7 +196,7 @@ def test_junk_of_every_format_is_one_line_and_code_2(tmp_path, capsys, suffix):
         (["--vertices", "-5"], "--vertices -5"),
         (["--max-chunk-vertices", "2"], "--max-chunk-vertices 2"),
         (["--cameras", "nowhere"], "cannot read nowhere: no such file.* expected a COLMAP folder"),
-        (["--cameras", "ball.ply"], r"ball\.ply is not JSON .* expected a COLMAP folder"),
+        (["--cameras", "ball.ply"], r"ball\.ply: not valid JSON .* expected a COLMAP folder"),
         (["--lod", "fine"], "--lod fine: expected auto or the number of a level"),
         (["--lod", "0"], r"--lod 0: ball\.ply has no levels of detail"),
     ],

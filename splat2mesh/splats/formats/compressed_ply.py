@@ -38,10 +38,7 @@ _LARGEST_SCALE_LOG = 20.0  # PlayCanvas clips there, lest one flat splat coarsen
 
 
 def read(ply: Ply) -> Splats:
-    """Read the splats of an opened PLY with a `chunk` element.
-
-    Raises InputError when parts are missing or short.
-    """
+    """Read the splats of an opened PLY with a `chunk` element. Raises InputError when parts are missing or short."""
     chunk, vertex = ply.elements["chunk"], ply.elements.get("vertex")
     color_bounded = "min_r" in chunk.properties
     bounded = [f"{end}_{a}" for end in ("min", "max") for a in _POSITION + _SCALE + _COLOR * color_bounded]

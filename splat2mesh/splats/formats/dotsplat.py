@@ -19,11 +19,8 @@ _SAMPLE = 65536
 
 
 def read(path: str | os.PathLike[str]) -> Splats:
-    """Read a `.splat` file.
-
-    Returns Splats without harmonics. Raises InputError when it cannot be one. Warns with a DataWarning about half a
-    record at the end.
-    """
+    """Read a `.splat` file. Returns Splats without harmonics. Raises InputError when it cannot be one. Warns with a
+    DataWarning about half a record at the end."""
     count, extra = divmod(os.path.getsize(path), _RECORD.itemsize)
     if count == 0:
         raise InputError(f"{path} is cut short: a .splat record takes {_RECORD.itemsize} bytes, found {extra}")

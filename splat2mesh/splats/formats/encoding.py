@@ -16,36 +16,27 @@ _IDENTITY_WXYZ = np.array([1, 0, 0, 0], np.float32)
 
 
 def sigmoid(logits: NDArray[Any]) -> NDArray[Any]:
-    """Return the opacities of logits.
-
-    logits: any shape. In [0, 1]; infinite logits give exactly 0 and 1, NaN stays NaN.
-    """
+    """Return the opacities of logits. logits: any shape. In [0, 1]; infinite logits give exactly 0 and 1, NaN stays
+    NaN."""
     return 1 / (1 + np.exp(-logits))
 
 
 def logit(opacities: ArrayLike) -> NDArray[np.float64]:
-    """Return the logits of opacities.
-
-    opacities: any shape, in [0, 1]. Returns float64: finite: 0 and 1 count as their neighbours in float32.
-    """
+    """Return the logits of opacities. opacities: any shape, in [0, 1]. Returns float64: finite: 0 and 1 count as their
+    neighbours in float32."""
     info = np.finfo(np.float32)
     p = np.clip(np.asarray(opacities, np.float64), info.tiny, 1 - info.epsneg)
     return np.log(p) - np.log1p(-p)
 
 
 def sh_from_color(color_srgb: NDArray[Any]) -> NDArray[np.float32]:
-    """Return the constant coefficients of colours.
-
-    color_srgb: any shape, sRGB. Returns float32: the same shape.
-    """
+    """Return the constant coefficients of colours. color_srgb: any shape, sRGB. Returns float32: the same shape."""
     return ((color_srgb - 0.5) / SH_C0).astype(np.float32)
 
 
 def color_from_sh(dc: ArrayLike) -> NDArray[np.float64]:
-    """Return the colours of constant coefficients.
-
-    dc: any shape. Returns float64: the same shape, sRGB, not clipped.
-    """
+    """Return the colours of constant coefficients. dc: any shape. Returns float64: the same shape, sRGB, not
+    clipped."""
     return np.asarray(dc, np.float64) * SH_C0 + 0.5
 
 
@@ -76,10 +67,8 @@ def smallest_three(quats: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.intp]]
 
 
 def levels(fractions: ArrayLike, bits: int) -> NDArray[np.uint32]:
-    """Round shares of a range to the nearest of 2^bits levels.
-
-    fractions: any shape; those outside [0, 1] count as its ends. Returns uint32.
-    """
+    """Round shares of a range to the nearest of 2^bits levels. fractions: any shape; those outside [0, 1] count as its
+    ends. Returns uint32."""
     limit = (1 << bits) - 1
     return np.rint(np.clip(fractions, 0, 1) * limit).astype(np.uint32)
 
@@ -106,19 +95,15 @@ def hide_unusable(splats: Splats, path: str | os.PathLike[str]) -> tuple[Splats,
 
 
 def warn_clipped(clipped: NDArray[np.bool_], path: str | os.PathLike[str], what: str) -> None:
-    """Count, in one DataWarning, the rows whose values a format cannot hold.
-
-    clipped: (N, ...) bool. path: of the file. what: what the values are.
-    """
+    """Count, in one DataWarning, the rows whose values a format cannot hold. clipped: (N, ...) bool. path: of the file.
+    what: what the values are."""
     rows = np.count_nonzero(clipped.reshape(len(clipped), -1).any(axis=1))
     if rows:
         warnings.warn(f"{path}: {what} of {rows} of {len(clipped)} splats were clipped", DataWarning, stacklevel=4)
 
 
 def warn_beyond(path: str | os.PathLike[str], count: int, degree: int) -> None:
-    """Count, in one DataWarning, the splats whose harmonics beyond the third degree are left out.
-
-    path: of the file. count: of its splats. degree: of their harmonics.
-    """
+    """Count, in one DataWarning, the splats whose harmonics beyond the third degree are left out. path: of the file.
+    count: of its splats. degree: of their harmonics."""
     message = f"{path}: dropped the harmonics above degree 3 of {count} splats, whose degree is {degree}"
     warnings.warn(message, DataWarning, stacklevel=4)

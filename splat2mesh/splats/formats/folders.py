@@ -18,10 +18,8 @@ _ITERATION = re.compile(r"^iteration_(\d+)$")
 
 
 def trained_in(folder: Path) -> list[Path]:
-    """Find the checkpoints in the output folder of INRIA's trainer, or in its folder point_cloud, oldest first.
-
-    Returns a list of Path of point_cloud.ply files; empty for any other folder.
-    """
+    """Find the checkpoints in the output folder of INRIA's trainer, or in its folder point_cloud, oldest first. Returns
+    a list of Path of point_cloud.ply files; empty for any other folder."""
     found = {}
     for above in (folder / "point_cloud", folder):
         for each in above.iterdir() if above.is_dir() else ():
@@ -34,11 +32,8 @@ def trained_in(folder: Path) -> list[Path]:
 
 
 def check_tiles(folder: Path, tiles: Mapping[Path, Splats]) -> None:
-    """Check that files lie side by side.
-
-    folder: for the message. tiles: at least one. Raises InputError for two in the same place: checkpoints, formats or
-    frames of one capture, or other things.
-    """
+    """Check that files lie side by side. folder: for the message. tiles: at least one. Raises InputError for two in the
+    same place: checkpoints, formats or frames of one capture, or other things."""
     paths, bounds = list(tiles), np.stack([_bounds(splats) for splats in tiles.values()])
     # Flat ones get a thickness, so they have a volume.
     pad = 1e-3 * max(float(np.linalg.norm(bounds[:, 1] - bounds[:, 0], axis=1).max()), 1e-12)

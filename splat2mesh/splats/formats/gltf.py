@@ -119,9 +119,7 @@ def _from_attributes(data: GltfData, attributes: Mapping[str, Any]) -> Splats:
 
 def _from_linear(path: Path, splats: Splats) -> Splats:
     """Splats whose colours are linear, with those of the usual space: the curve at the mean colour, and its slope.
-
-    Source of the curve: IEC 61966-2-1.
-    """
+    Source of the curve: IEC 61966-2-1."""
     message = f"{path}: converted the linear colours of {len(splats)} splats to sRGB, what depends on the view roughly"
     warnings.warn(message, DataWarning, stacklevel=4)
     linear = np.clip(splats.colors_diffuse.astype(np.float64), 0, 1)

@@ -85,10 +85,8 @@ def _properties(ply: Ply) -> tuple[Mapping[str, str], Sequence[str]]:
 
 
 def offset_of(ply: Ply) -> Vector3:
-    """Find what has to be taken off the coordinates of a PLY before they are float32.
-
-    Returns (x, y, z): whole numbers; 0 unless the file holds doubles that float32 would coarsen.
-    """
+    """Find what has to be taken off the coordinates of a PLY before they are float32. Returns (x, y, z): whole numbers;
+    0 unless the file holds doubles that float32 would coarsen."""
     return _offset_of(ply, ply.rows("vertex")) if is_double(ply) else HERE
 
 
@@ -145,20 +143,15 @@ def inria_ply_bytes(splats: Splats) -> bytes:
 
 
 def properties_of(coefficients: int) -> list[str]:
-    """Return the names of the properties of a file, in their order.
-
-    coefficients: K of its harmonics.
-    """
+    """Return the names of the properties of a file, in their order. coefficients: K of its harmonics."""
     rest = [f"f_rest_{i}" for i in range(3 * (coefficients - 1))]
     names = [*_CENTER, "nx", "ny", "nz", *_DC, *rest, "opacity", "scale_0", "scale_1", "scale_2"]
     return [*names, "rot_0", "rot_1", "rot_2", "rot_3"]
 
 
 def header_of(count: int, names: Iterable[str], facts: FileFacts = NO_FACTS, double: bool = False) -> bytes:
-    """Return the header of a binary file whose rows are float32.
-
-    count: of its rows. names: of its properties. facts: comments say them. double: whether x y z are float64.
-    """
+    """Return the header of a binary file whose rows are float32. count: of its rows. names: of its properties. facts:
+    comments say them. double: whether x y z are float64."""
     lines = ["ply", "format binary_little_endian 1.0", *(f"comment {each}" for each in comments_of(facts))]
     lines.append(f"element vertex {count}")
     lines += [f"property {'double' if double and name in _CENTER else 'float'} {name}" for name in names]
@@ -202,11 +195,8 @@ def coefficients(path: str | os.PathLike[str], names: Iterable[str]) -> tuple[in
 
 
 def rest_columns(sh: NDArray[np.float32], found: int) -> dict[str, NDArray[np.float32]]:
-    """Find the index of each f_rest_* property.
-
-    sh: (N, K, 3) float32. found: coefficients per channel in the file, K or more. Returns dict of str to (N,): name to
-    a view into `sh`.
-    """
+    """Find the index of each f_rest_* property. sh: (N, K, 3) float32. found: coefficients per channel in the file, K
+    or more. Returns dict of str to (N,): name to a view into `sh`."""
     return {f"f_rest_{c * (found - 1) + j}": sh[:, 1 + j, c] for c in range(3) for j in range(sh.shape[1] - 1)}
 
 

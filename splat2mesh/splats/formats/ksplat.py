@@ -27,15 +27,13 @@ _USUAL_SH = 1.5  # bounds of the harmonics where the header has 0
 _MOST_SECTIONS = 1 << 16
 _TYPES = ("<f4", "<f4", "<f4"), ("<u2", "<f2", "<f2"), ("<u2", "<f2", "u1")
 """Of the positions, of scales and rotations, and of the harmonics, by level."""
-_USUAL_RANGE = 1, 32767, 32767
+_USUAL_RANGE = 1, *[np.iinfo(code).max // 2 for code, *_ in _TYPES[1:]]
 _COMPONENTS = [3 * (coefficients - 1) for coefficients in DEGREE_OF_COEFFICIENTS]
 
 
 def looks_like(head: bytes) -> bool:
-    """Return whether the first bytes of a file can be those of a `.ksplat`, which has no mark of its own.
-
-    head: at least `_HEADER.size` of them.
-    """
+    """Return whether the first bytes of a file can be those of a `.ksplat`, which has no mark of its own. head: at
+    least `_HEADER.size` of them."""
     if len(head) < _HEADER.size:
         return False
     major, minor, sections, used, _, splats, level, _, _ = _HEADER.unpack_from(head)
@@ -43,10 +41,7 @@ def looks_like(head: bytes) -> bool:
 
 
 def read(path: str | os.PathLike[str]) -> Splats:
-    """Read a `.ksplat` file.
-
-    Raises InputError when it is of another version, damaged or cut short.
-    """
+    """Read a `.ksplat` file. Raises InputError when it is of another version, damaged or cut short."""
     size = file_size(path, "splat file")
     with open(path, "rb") as file:
         head = file.read(_HEADER_BYTES)

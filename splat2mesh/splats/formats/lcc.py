@@ -72,10 +72,8 @@ def beside(path: Path, name: str) -> Path:
 
 
 def open_lcc(path: str | os.PathLike[str]) -> LccFile:
-    """Read a meta.lcc and its index.
-
-    Raises InputError where a file is missing, damaged, or of another size than the index says.
-    """
+    """Read a meta.lcc and its index. Raises InputError where a file is missing, damaged, or of another size than the
+    index says."""
     path = Path(path)
     try:
         meta = read_json(path)
@@ -140,11 +138,8 @@ def _check_sizes(path: Path, units: NDArray[np.int64], has_rest: bool) -> None:
 
 
 def read(path: str | os.PathLike[str], lod: int | str = "auto") -> Splats:
-    """Read one level of an LCC scene, and its environment.
-
-    path: of the meta.lcc. lod: as for a streamed SOG. Returns Splats: unit after unit; the environment comes last and
-    is marked so. Raises InputError as `open_lcc` does.
-    """
+    """Read one level of an LCC scene, and its environment. path: of the meta.lcc. lod: as for a streamed SOG. Returns
+    Splats: unit after unit; the environment comes last and is marked so. Raises InputError as `open_lcc` does."""
     scene = open_lcc(path)
     level = level_of(scene.path, scene.counts, lod)
     counts, starts = scene.units[:, level].T

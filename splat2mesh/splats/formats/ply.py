@@ -17,9 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.errors import DataWarning, InputError
-from ...base.inputs import file_size
+from ...base.inputs import FREE, file_size
 
-MAX_HEADER_BYTES = 1 << 20
 _BYTE_ORDERS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
 _TYPES = {
     **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"},
@@ -30,11 +29,8 @@ _TYPES = {
 
 @dataclass
 class Element:
-    """One element of a header.
-
-    count: of its rows. properties: the NumPy type code of each property, or "list". lists: dict of str to (str, str),
-    property to the type codes of its list's length and of its items.
-    """
+    """One element of a header. count: of its rows. properties: the NumPy type code of each property, or "list". lists:
+    dict of str to (str, str), property to the type codes of its list's length and of its items."""
 
     count: int
     properties: dict[str, str]
@@ -50,11 +46,8 @@ class Element:
 
 
 class Ply:
-    """A PLY file whose header has been read.
-
-    format: "ascii", "binary_little_endian" or "binary_big_endian". elements: in file order. body: byte offset of the
-    first row. comments: without the word that marks them.
-    """
+    """A PLY file whose header has been read. format: "ascii", "binary_little_endian" or "binary_big_endian". elements:
+    in file order. body: byte offset of the first row. comments: without the word that marks them."""
 
     def __init__(
         self, path: Path, format: str, elements: dict[str, Element], body: int, comments: list[str] | None = None
@@ -64,10 +57,7 @@ class Ply:
 
     @classmethod
     def open(cls, path: str | os.PathLike[str]) -> "Ply":
-        """Read the header of a file.
-
-        Raises InputError for a header that is malformed or cut short.
-        """
+        """Read the header of a file. Raises InputError for a header that is malformed or cut short."""
         path = Path(path)
         format: str | None = None
         elements: dict[str, Element] = {}
@@ -78,8 +68,8 @@ class Ply:
             if file.readline(16).strip() != b"ply":
                 raise InputError(f"{path} is not a PLY file: its first line must be 'ply'")
             for number in itertools.count(2):
-                raw = file.readline(MAX_HEADER_BYTES)
-                if not raw.endswith(b"\n") or file.tell() > MAX_HEADER_BYTES:
+                raw = file.readline(FREE)
+                if not raw.endswith(b"\n") or file.tell() > FREE:
                     raise InputError(f"{path}: the PLY header has no end_header line: the file is cut short or damaged")
                 words = raw.decode("latin-1").split()
                 match words:

@@ -68,10 +68,8 @@ def _say_coarser(path: Path, level: int, counts: tuple[int, ...]) -> None:
 
 
 def kind_of(path: str | os.PathLike[str]) -> str:
-    """Recognise the format of a splat by its content.
-
-    Returns a kind of `register.FORMATS`, or "tiles". Raises InputError for what is none of them.
-    """
+    """Recognise the format of a splat by its content. Returns a kind of `register.FORMATS`, or "tiles". Raises
+    InputError for what is none of them."""
     path = Path(path)
     check_special(path)
     with reading(path):

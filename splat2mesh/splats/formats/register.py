@@ -8,10 +8,10 @@ from typing import Any
 
 from ...base.errors import InputError
 from ...base.gltf import SPLATS, SPZ_DRAFT
-from ...base.inputs import check_special
+from ...base.inputs import FREE, check_special
 from ..splats import Splats
 from . import compressed_ply, dotsplat, gltf, inria, ksplat, lcc, sog, sog_writing, spz, spz_writing, usd
-from .ply import MAX_HEADER_BYTES, Ply
+from .ply import Ply
 
 SplatWriter = Callable[[str | os.PathLike[str], Splats], Any]
 
@@ -31,7 +31,7 @@ class Format:
     kind: str
     title: str
     suffixes: tuple[str, ...]
-    read: Callable[[Path], Splats] | None
+    read: Callable[[Path], Splats] | None = None
     write: SplatWriter | None = None
     instead: str = ""
     frame: str = "as the trainer had it, usually y down"
@@ -56,85 +56,41 @@ def _read_sog(path: Path) -> Splats:
 _NOT_WRITTEN = "not written: .ply and .spz are read by the same programs"
 
 FORMATS = (
+    Format("ply", "PLY of INRIA's trainer and others", (".ply",), _read_ply, inria.write_inria_ply),
+    Format("spz", "SPZ of Niantic", (".spz",), spz.read, spz_writing.write, frame="y up, or by a record"),
     Format(
-        kind="ply",
-        title="PLY of INRIA's trainer and others",
-        suffixes=(".ply",),
-        read=_read_ply,
-        write=inria.write_inria_ply,
+        "compressed.ply", "compressed PLY of PlayCanvas", (".compressed.ply",), _read_compressed, compressed_ply.write
     ),
+    Format("sog", "SOG of PlayCanvas", (".sog",), _read_sog, sog_writing.write),
+    Format("splat", ".splat of antimatter15", (".splat",), dotsplat.read, instead=_NOT_WRITTEN),
+    Format("ksplat", ".ksplat of mkkellogg", (".ksplat",), ksplat.read, instead=_NOT_WRITTEN),
     Format(
-        kind="spz",
-        title="SPZ of Niantic",
-        suffixes=(".spz",),
-        read=spz.read,
-        write=spz_writing.write,
-        frame="y up, or by a record",
-    ),
-    Format(
-        kind="compressed.ply",
-        title="compressed PLY of PlayCanvas",
-        suffixes=(".compressed.ply",),
-        read=_read_compressed,
-        write=compressed_ply.write,
-    ),
-    Format(
-        kind="sog",
-        title="SOG of PlayCanvas",
-        suffixes=(".sog",),
-        read=_read_sog,
-        write=sog_writing.write,
-    ),
-    Format(
-        kind="splat",
-        title=".splat of antimatter15",
-        suffixes=(".splat",),
-        read=dotsplat.read,
-        instead=_NOT_WRITTEN,
-    ),
-    Format(
-        kind="ksplat",
-        title=".ksplat of mkkellogg",
-        suffixes=(".ksplat",),
-        read=ksplat.read,
-        instead=_NOT_WRITTEN,
-    ),
-    Format(
-        kind="glb",
-        title="glTF with KHR_gaussian_splatting",
-        suffixes=gltf.SUFFIXES,
-        read=gltf.read,
+        "glb",
+        "glTF with KHR_gaussian_splatting",
+        gltf.SUFFIXES,
+        gltf.read,
         instead="written by relight: --format splat-glb",
         frame="y up",
     ),
     Format(
-        kind="usd",
-        title="USD with ParticleField3DGaussianSplat",
-        suffixes=usd.SUFFIXES,
-        read=usd.read,
+        "usd",
+        "USD with ParticleField3DGaussianSplat",
+        usd.SUFFIXES,
+        usd.read,
         instead="written by relight: --format usd",
         frame="y or z up, by upAxis",
     ),
+    Format("lcc", "LCC of XGRIDS", (lcc.SUFFIX,), lcc.read, instead=_NOT_WRITTEN, frame="z up"),
     Format(
-        kind="lcc",
-        title="LCC of XGRIDS",
-        suffixes=(lcc.SUFFIX,),
-        read=lcc.read,
-        instead=_NOT_WRITTEN,
-        frame="z up",
-    ),
-    Format(
-        kind="lcc2",
-        title="LCC 2 scene of XGRIDS",
-        suffixes=(".lcc2",),
-        read=None,
+        "lcc2",
+        "LCC 2 scene of XGRIDS",
+        (".lcc2",),
         instead=f"not read: convert it to a .ply, by {CONVERTER} scene.lcc2 scene.ply",
     ),
     Format(
-        kind="rad",
-        title=".rad file of Spark",
-        suffixes=(".rad",),
-        read=None,
+        "rad",
+        ".rad file of Spark",
+        (".rad",),
         instead="not read, its layout is Spark's own: give the .ply or .spz that it was built from",
     ),
 )
@@ -162,11 +118,8 @@ KINDS = (
 
 
 def kind_of_file(path: Path) -> str:
-    """Recognise one splat file, or the folder of an unbundled SOG, by its content.
-
-    Returns the kind of a Format that is read. Raises InputError for what is none, with the reason, or what to do, where
-    its format is known.
-    """
+    """Recognise one splat file, or the folder of an unbundled SOG, by its content. Returns the kind of a Format that is
+    read. Raises InputError for what is none, with the reason, or what to do, where its format is known."""
     if not path.exists():
         raise InputError(f"{path} does not exist: expected {KINDS}")
     if path.is_dir():
@@ -192,7 +145,7 @@ def looks_like_splat(path: Path) -> bool:
     """Return whether a file is meant as a splat, rather than as a mesh, by its content; does not validate it."""
     suffix = path.suffix.lower()
     with open(path, "rb") as file:
-        head = file.read(MAX_HEADER_BYTES)
+        head = file.read(FREE)
     if head.startswith(b"ply"):
         header = head[: head.find(b"\nend_header")]
         return b"packed_position" in header or (b"scale_0" in header and b"rot_0" in header)
@@ -202,10 +155,7 @@ def looks_like_splat(path: Path) -> bool:
 
 
 def reader_of(kind: str) -> Callable[[Path], Splats]:
-    """Return what reads a kind.
-
-    kind: as `kind_of_file` returns it. It takes a path.
-    """
+    """Return what reads a kind. kind: as `kind_of_file` returns it. It takes a path."""
     found = BY_KIND[kind].read
     assert found is not None  # `kind_of_file` refuses others
     return found

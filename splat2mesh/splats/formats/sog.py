@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from PIL.WebPImagePlugin import WebPImageFile
 
 from ...base.errors import InputError
-from ...base.inputs import LARGEST_TEXT, check_count, file_size, inside, loads
+from ...base.inputs import FREE, LARGEST_TEXT, check_count, file_size, inside, loads
 from ..facts import FileFacts
 from ..splats import DEGREE_OF_COEFFICIENTS, Splats
 from .encoding import restore_largest, sigmoid
@@ -33,8 +33,6 @@ ANTIALIASED = "antialiased"
 """Value of `model` in it, of splats for an anti-aliasing rasteriser. Source: playcanvas/splat-transform 3.2."""
 LARGEST_IMAGE = 1 << 30
 """Bytes of an image in a folder: at most 16383 x 16383 pixels."""
-SMALL_PIXELS = 1 << 20
-"""Pixels that any image may have, however few splats there are."""
 PALETTE_PIXELS = 1 << 24
 """Most pixels of the palette of harmonics: 65536 entries of 15 are a million."""
 _PALETTE_WIDTH = 64  # palette entries in one row of the centroid image
@@ -42,11 +40,8 @@ _FIRST_QUAT_TAG = 252  # alpha of the quaternion image: this plus the index of t
 
 
 def read_folder(folder: Path, meta_name: str = META) -> Splats:
-    """Read an unbundled SOG.
-
-    folder: holds the images. meta_name: of the JSON that names them. Raises InputError when a part is missing or
-    unusable.
-    """
+    """Read an unbundled SOG. folder: holds the images. meta_name: of the JSON that names them. Raises InputError when a
+    part is missing or unusable."""
     if not (folder / meta_name).is_file():
         raise InputError(f"{folder} is a folder without {META}: expected a splat file or an unbundled SOG folder")
 
@@ -62,10 +57,7 @@ def read_folder(folder: Path, meta_name: str = META) -> Splats:
 
 
 def read_bundle(path: AnyPath) -> Splats:
-    """Read a `.sog` zip.
-
-    Raises InputError when it is damaged or lacks a part.
-    """
+    """Read a `.sog` zip. Raises InputError when it is damaged or lacks a part."""
     size = file_size(path, "splat file")
     try:
         with zipfile.ZipFile(path) as bundle:
@@ -79,7 +71,7 @@ def read_bundle(path: AnyPath) -> Splats:
                     raise InputError(f"{path} lacks {name}, which its {META} names: export it again")
                 announced = bundle.getinfo(prefix + name).file_size
                 # WebP does not shrink, so an entry that does is made to fill the memory.
-                if announced > max(LARGEST_TEXT if name == META else 4 * size, 1 << 20):
+                if announced > max(LARGEST_TEXT if name == META else 4 * size, FREE):
                     raise InputError(f"{path}: {name} announces {announced:,} bytes in a file of {size:,}: damaged")
                 return bundle.read(prefix + name)
 
@@ -118,7 +110,7 @@ class _Images:
         name = self.meta[part]["files"][index]
         data = self._loaded.get(name) or self.load(name)
         width, height = _size(self.path, name, data)
-        most = PALETTE_PIXELS if part == "shN" and index == 0 else max(2 * self.count, SMALL_PIXELS)
+        most = PALETTE_PIXELS if part == "shN" and index == 0 else max(2 * self.count, FREE)
         if width * height > most:
             raise InputError(f"{self.path}: {name} has {width} x {height} pixels, for {self.count} splats: damaged")
         try:

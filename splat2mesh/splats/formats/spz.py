@@ -19,11 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.errors import DataWarning, InputError
-from ...base.inputs import check_count, file_size
+from ...base.inputs import FREE, check_count, file_size
 from ..facts import FileFacts
 from ..placing import reframed
 from ..splats import Splats
 from .encoding import restore_largest, warn_beyond
+from .inria import DEGREES
 
 AnyPath: TypeAlias = str | os.PathLike[str]
 
@@ -37,29 +38,23 @@ FLIPPED = np.array([1, -1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1], np.
 COLOR_SCALE = 0.15  # a coefficient of 1 moves a colour byte by this share of its range
 ANTIALIASED, _HAS_RECORDS = 1, 2  # flags of the header
 _RECORD = struct.Struct("<II")
-_LARGEST_RECORDS = 1 << 20  # bytes of all of them; those that are known take 12 and 20
 _AXES_RECORD = 0xADBE0003  # SPZ_ADOBE_coordinate_system
 _AXES = "RUB LDB RDB LUB RUB LDF RDF LUF RUF LFD RFD LFU RFU LBD RBD LBU RBU".split()  # by its value; 0 says nothing
 _DIRECTIONS = {"R": (1, 0, 0), "L": (-1, 0, 0), "D": (0, 1, 0), "U": (0, -1, 0), "F": (0, 0, 1), "B": (0, 0, -1)}
-_MOST_DEGREE = 4
+_MOST_DEGREE = max(DEGREES.values())
 GZIP = 31  # window bits of zlib that make its stream a gzip one, with no name and no date in its header
 
 
 def read(path: AnyPath) -> Splats:
-    """Read an `.spz` file.
-
-    Returns Splats in the frame of a PLY. Raises InputError when it is no SPZ, too new, damaged or cut short.
-    """
+    """Read an `.spz` file. Returns Splats in the frame of a PLY. Raises InputError when it is no SPZ, too new, damaged
+    or cut short."""
     file_size(path, "splat file")
     return read_bytes(path, Path(path).read_bytes())
 
 
 def read_bytes(path: AnyPath, data: bytes) -> Splats:
-    """Read an SPZ that lies in another file.
-
-    path: of that file, for messages. Raises InputError as `read` does. Warns with a DataWarning about records of
-    extensions that are left out, and harmonics beyond the third degree.
-    """
+    """Read an SPZ that lies in another file. path: of that file, for messages. Raises InputError as `read` does. Warns
+    with a DataWarning about records of extensions that are left out, and harmonics beyond the third degree."""
     try:
         header, sections, records = (_open_v4 if data.startswith(MAGIC) else _open_gzip)(path, data)
     except (zlib.error, struct.error) as error:
@@ -102,7 +97,7 @@ def _open_gzip(path: AnyPath, data: bytes) -> tuple[_Header, list[bytes], bytes]
     _check_size(path, "data", len(body), expected)
     records = b""
     if header.flags & _HAS_RECORDS:
-        records = inflate.decompress(inflate.unconsumed_tail, _LARGEST_RECORDS)
+        records = inflate.decompress(inflate.unconsumed_tail, FREE)
     surplus = inflate.decompress(inflate.unconsumed_tail, 1)  # reaches the checksum: raises when it disagrees
     if surplus or not inflate.eof or inflate.unused_data:
         what = "lacks the end of its stream" if not (surplus or inflate.eof) else "holds more than its header announces"

@@ -28,11 +28,8 @@ SPLAT_BUDGET = 6_000_000
 
 @dataclass(frozen=True)
 class Streamed:
-    """The checked content of a lod-meta.json.
-
-    path: of the lod-meta.json. counts: the splats of each level. tiles: for each level, a tile's path to its count of
-    splats, in the order of `filenames`. environment: of its SOG.
-    """
+    """The checked content of a lod-meta.json. path: of the lod-meta.json. counts: the splats of each level. tiles: for
+    each level, a tile's path to its count of splats, in the order of `filenames`. environment: of its SOG."""
 
     path: Path
     counts: tuple[int, ...]
@@ -64,10 +61,8 @@ def level_of(path: Path, counts: tuple[int, ...], lod: int | str) -> int:
 
 
 def check_count(path: Path, found: int, expected: int, meta_path: Path) -> None:
-    """Check the number of splats of a tile against its lod-meta.json.
-
-    path: of the tile. Raises InputError where they differ.
-    """
+    """Check the number of splats of a tile against its lod-meta.json. path: of the tile. Raises InputError where they
+    differ."""
     if found != expected:
         raise InputError(
             f"{path} holds {found:,} splats, {meta_path.name} says {expected:,}: copy or export the folder again"
@@ -78,16 +73,13 @@ def is_streamed(path: Path) -> bool:
     """Return whether a path is the lod-meta.json of a streamed SOG, by its content."""
     try:
         content = read_json(path)
-    except ValueError:  # an InputError is one
+    except InputError:
         return Path(path).name == META
     return isinstance(content, dict) and ("lodLevels" in content or Path(path).name == META)
 
 
 def open_streamed(path: str | os.PathLike[str]) -> Streamed:
-    """Read a lod-meta.json.
-
-    Raises InputError where it is damaged or contradicts itself.
-    """
+    """Read a lod-meta.json. Raises InputError where it is damaged or contradicts itself."""
     path = Path(path)
     try:
         meta = read_json(path)

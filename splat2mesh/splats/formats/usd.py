@@ -35,11 +35,8 @@ _TURNS = {"Y": np.diag([1.0, -1.0, -1.0]), "Z": np.array([[1.0, 0.0, 0.0], [0.0,
 
 
 def read(path: str | os.PathLike[str]) -> Splats:
-    """Read the splats of a USD file at its default time.
-
-    Returns Splats of all visible prims, in the unit of the stage. Raises InputError without usd-core, for a broken
-    file, and for one without splats.
-    """
+    """Read the splats of a USD file at its default time. Returns Splats of all visible prims, in the unit of the stage.
+    Raises InputError without usd-core, for a broken file, and for one without splats."""
     needed("pxr", "USD")
     from pxr import Tf, Usd, UsdGeom
 

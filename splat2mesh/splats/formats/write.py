@@ -11,10 +11,8 @@ WRITERS: dict[str, SplatWriter] = {each.kind: each.write for each in FORMATS if 
 
 
 def kind_of_name(path: str | os.PathLike[str]) -> str:
-    """Return the kind of splat that the name of a file ends in.
-
-    path: nothing needs to be there. Returns a key of `WRITERS`. Raises InputError for a name that ends in none of them.
-    """
+    """Return the kind of splat that the name of a file ends in. path: nothing needs to be there. Returns a key of
+    `WRITERS`. Raises InputError for a name that ends in none of them."""
     name = os.path.basename(os.fspath(path)).lower()
     kinds = [kind for kind in WRITERS if name.endswith(f".{kind}")]
     if not kinds:
@@ -24,11 +22,8 @@ def kind_of_name(path: str | os.PathLike[str]) -> str:
 
 
 def can_hold(kind: str, splats: Splats) -> bool:
-    """Return whether a kind of file has a writer that keeps all colours of some splats.
-
-    kind: of any splat file. False for "sog" and splats with harmonics beyond the first, which its writer leaves
-    out.
-    """
+    """Return whether a kind of file has a writer that keeps all colours of some splats. kind: of any splat file. False
+    for "sog" and splats with harmonics beyond the first, which its writer leaves out."""
     return kind in WRITERS and (kind != "sog" or not splats.degree)
 
 

@@ -84,7 +84,7 @@ def test_files_on_the_command_line(tmp_path):
 
 
 BAD = {
-    "no JSON": ("[{", "not readable JSON"),
+    "no JSON": ("[{", "not valid JSON"),
     "no list": ("3", "expected a list of lamps"),
     "an object": ("{}", "expected a list of lamps"),
     "no objects": ("[3]", "expected a list of lamps"),

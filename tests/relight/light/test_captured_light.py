@@ -154,7 +154,7 @@ def test_damaged_files_are_refused_in_one_line(folder):
     with pytest.raises(InputError, match="no such file"):
         known_light(1, folder)
     (folder / NAME).write_text("{")
-    with pytest.raises(InputError, match=r"not readable JSON.*or ignore it with `captured_light` auto"):
+    with pytest.raises(InputError, match=r"not valid JSON.*or ignore it with `captured_light` auto"):
         known_light(None, folder)
     assert known_light("auto", folder) is None
 

@@ -172,7 +172,7 @@ def test_what_is_kept_is_used_by_the_next_command(by_hand, folder):
     again.close()
     (folder / NAME).write_text("{")
     by_hand.press_key("0")
-    assert "not readable JSON" in by_hand.note and "\n" not in by_hand.note
+    assert "not valid JSON" in by_hand.note and "\n" not in by_hand.note
 
 
 def test_a_session_without_an_estimate_has_no_such_view(folder):
@@ -192,7 +192,7 @@ def test_damaged_offers_are_a_message(folder, tmp_path):
     session = Session(session_of(Job(request_of(copy, captured_light=Environment(np.ones((4, 8, 3)))))), InlineWorker,
                       Clock())  # fmt: skip
     session.change(by_hand=True)
-    with pytest.raises(InputError, match="not readable JSON"):
+    with pytest.raises(InputError, match="not valid JSON"):
         session.hand.finish()
     assert (surface_colors(session) == session.scene.colors_srgb).all()
     session.close()

@@ -5,13 +5,13 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from disc_splats import discs, plain
+from opacityfield_reference import OpacityField, field_depth_reference
 from scipy.spatial.transform import Rotation
 
 from splat2mesh.base.errors import InputError
 from splat2mesh.render import footprints
 from splat2mesh.render.levelsearch import SPREAD_FROM, SPREAD_TO
 from splat2mesh.render.opacityfield import ENOUGH, FIELD_LEVEL, field_depth
-from splat2mesh.render.opacityfield_reference import OpacityField, field_depth_reference
 from splat2mesh.render.rasterize import rasterize
 from splat2mesh.render.view import View
 from splat2mesh.splats.splats import Splats

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from rasterize_reference import rasterize_reference
 
 from splat2mesh.base.errors import InputError
 from splat2mesh.render import footprints as module
 from splat2mesh.render.rasterize import rasterize
-from splat2mesh.render.rasterize_reference import rasterize_reference
 from splat2mesh.render.view import View
 from splat2mesh.splats.splats import SH_C0, Splats
 

@@ -6,7 +6,7 @@ import pytest
 from splat2mesh.render.opacityfield import FieldDepth
 from splat2mesh.render.view import View
 from splat2mesh.surface.adaptive import COARSE, fuse_adaptively, packed
-from splat2mesh.surface.sight import FusionSight
+from splat2mesh.surface.sight import FusionSight, Sighting
 
 SIZE = 48
 PIXELS = SIZE * SIZE
@@ -26,7 +26,7 @@ def plane_seen(view, normal, point):
 def sight(view, normal=(0.0, 0.0, 1.0), point=(0.0, 0.0, 0.0), finest=1e-3):
     normal = np.asarray(normal) / np.linalg.norm(normal)
     seen, thickness = plane_seen(view, normal, point)
-    return FusionSight.from_depth(view, seen, thickness, 3.0, finest, 0.01)
+    return FusionSight.of(Sighting(view, seen, thickness), 3.0, finest, 0.01)
 
 
 def looking(eye=(0.0, 0.0, 3.0), target=(0.0, 0.0, 0.0)):

@@ -7,6 +7,7 @@ import pytest
 
 from splat2mesh.surface import album
 from splat2mesh.surface.album import Album
+from splat2mesh.surface.sight import Sighting
 from splat2mesh.views.eyes import around
 
 PIXELS = 24
@@ -30,7 +31,7 @@ def pictures():
 
 
 def of(pictures):
-    return Album.from_depths(*(list(part) for part in zip(*pictures, strict=True)))
+    return Album.of([Sighting(*picture) for picture in pictures])
 
 
 def test_groups_of_points_leave_out_no_picture_that_shows_one(pictures, monkeypatch):

@@ -16,7 +16,8 @@ from splat2mesh.scene.leaves import leaf_faces
 from splat2mesh.scene.meshfile import read_mesh
 from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.formats import write_inria_ply
-from splat2mesh.surface.cards import FACES, OPAQUE, cards, covered_area, leaf_splats
+from splat2mesh.splats.splats import SOLID
+from splat2mesh.surface.cards import FACES, cards, covered_area, leaf_splats
 from splat2mesh.surface.foliage import leaves_apart
 
 LIMIT = 3000
@@ -117,7 +118,7 @@ def test_cards_within_a_budget_grow_for_those_that_are_left_out(part, expected):
 
 def test_splats_of_the_ground_and_haze_become_no_cards():
     splats, is_leaf = bush_splats()
-    faint = replace(splats, opacities=np.where(np.arange(len(splats)) % 2 == 0, splats.opacities, 0.9 * OPAQUE))
+    faint = replace(splats, opacities=np.where(np.arange(len(splats)) % 2 == 0, splats.opacities, 0.9 * SOLID))
     mesh, of_leaf = bush_mesh()
     hull = replace(mesh, vertices=mesh.vertices[of_leaf], normals=mesh.normals[of_leaf])
     rows = leaf_splats(faint, mesh.vertices[~of_leaf], hull, 5.0)

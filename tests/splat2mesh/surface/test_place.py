@@ -21,8 +21,7 @@ def quick():
         patch.setitem(EFFORTS, "draft", Effort(views=12, pixels=96, cells=80, depth=6, points=20_000))
         patch.setattr(standpoints, "PLACES", 2500)  # some beside the table, of which enough rays
         patch.setattr(standpoints, "RAYS", 256)  # go under it
-        patch.setattr(standpoints, "ROOM_EYES", 6)
-        patch.setattr(standpoints, "GARDEN_EYES", 6)
+        patch.setattr(standpoints, "EYES", 6)
         patch.setattr("splat2mesh.pipeline.AROUND", 8)
         yield
 

@@ -1,10 +1,10 @@
-"""The parts of the way of places by themselves: floaters, far background, and the level that a fog calls for."""
+"""The parts of the way of places by themselves: far background, and the level that a fog calls for."""
 
 import numpy as np
 import pytest
 
 from splat2mesh.scene.mesh import Mesh
-from splat2mesh.surface.place import PLACE, SMALLEST_FACES, parted, without_floaters
+from splat2mesh.surface.place import PLACE, parted
 
 
 def grid(count, shift=(0.0, 0.0, 0.0)):
@@ -22,18 +22,6 @@ def together(*parts):
         np.concatenate([points for points, _ in parts]),
         np.concatenate([faces + start for (_, faces), start in zip(parts, starts, strict=True)]).astype(np.int32),
     )
-
-
-def test_parts_of_few_faces_go_and_the_others_keep_every_bit():
-    large, small = grid(10), grid(2, (50.0, 0.0, 0.0))
-    assert len(small[1]) < SMALLEST_FACES < len(large[1])
-    points, faces = together(small, large)
-    cells = np.arange(len(points), dtype=float)
-    kept, kept_faces, kept_cells, dropped = without_floaters(points, faces, cells)
-    np.testing.assert_array_equal(kept, large[0])
-    np.testing.assert_array_equal(kept_faces, large[1])
-    np.testing.assert_array_equal(kept_cells, cells[len(small[0]) :])
-    assert dropped == 1
 
 
 def test_a_mesh_parted_by_a_ball_is_whole_together_and_shares_no_face():

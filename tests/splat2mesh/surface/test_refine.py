@@ -6,6 +6,7 @@ from splat2mesh.render.opacityfield import FieldDepth
 from splat2mesh.render.view import View
 from splat2mesh.surface.album import Album, filled_in
 from splat2mesh.surface.refine import refine_by_color
+from splat2mesh.surface.sight import Sighting
 
 SIDE = 256
 
@@ -17,7 +18,7 @@ def album():
     color = np.repeat((points[..., :1] < 0.11).astype(np.float32), 3, axis=-1)
     flat = np.ones((SIDE, SIDE), np.float32)
     seen = FieldDepth(flat, np.tile(np.float32([0, 1, 0]), (SIDE, SIDE, 1)), 0.01 * flat, color, flat)
-    return Album.from_depths([view], [seen], [0.01 * flat])
+    return Album.of([Sighting(view, seen, 0.01 * flat)])
 
 
 def plane(count=9):

@@ -5,7 +5,8 @@ import open3d as o3d
 import pytest
 
 from splat2mesh.render.view import View
-from splat2mesh.surface.color import DEPTH_TOLERANCE, FACING, RenderedPicture, _sees, vertex_colors, vertex_thickness
+from splat2mesh.surface.color import DEPTH_TOLERANCE, RenderedPicture, _sees, vertex_colors, vertex_thickness
+from splat2mesh.surface.sight import LEAST_COSINE
 
 RED, GREEN = np.array([200, 10, 30]), np.array([20, 180, 60])
 
@@ -95,7 +96,7 @@ def sees_reference(picture, vertices, normals):
     columns, rows = pixels[near].astype(np.intp).T
     towards = view.center - vertices[near]
     frontal = (normals[near] * towards).sum(axis=1) / np.linalg.norm(towards, axis=1)
-    keep = (np.abs(z[near] - picture.depth[rows, columns]) < tolerance) & (frontal > FACING)
+    keep = (np.abs(z[near] - picture.depth[rows, columns]) < tolerance) & (frontal > LEAST_COSINE)
     return near[keep], columns[keep], rows[keep], frontal[keep] ** 2
 
 

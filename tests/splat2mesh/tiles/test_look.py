@@ -4,7 +4,8 @@ import numpy as np
 
 from splat2mesh.render.opacityfield import FieldDepth
 from splat2mesh.render.view import View
-from splat2mesh.tiles.look import Face, carve_of, sight_of
+from splat2mesh.surface.sight import Sighting
+from splat2mesh.tiles.look import carve_of, sight_of
 from splat2mesh.tiles.plan import CARVE, INFLUENCE, RING, CityPlan
 
 SIZE = 32
@@ -31,7 +32,7 @@ def face(spread):
     blank = np.zeros((SIZE, SIZE), np.float32)
     up = np.broadcast_to(np.float32([0, 1, 0]), (SIZE, SIZE, 3))
     seen = FieldDepth(blank + 40, up, blank + np.float32(spread), np.zeros((SIZE, SIZE, 3), np.float32), blank + 1)
-    return Face(view, seen, blank + np.float32(0.1))
+    return Sighting(view, seen, blank + np.float32(0.1))
 
 
 def test_pixels_beyond_what_a_tile_depends_on_have_no_weight():

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from splat2mesh.surface.place import SMALLEST_FACES
-from splat2mesh.tiles.surface import without_crowded, without_loose
+from splat2mesh.surface.clean import SMALLEST_FACES, without_floaters
+from splat2mesh.tiles.surface import without_crowded
 
 
 def strip(count, first=0):
@@ -16,12 +16,12 @@ def test_small_parts_go_but_for_those_that_reach_a_border():
     large, small, border = strip(SMALLEST_FACES), strip(5, 200), strip(5, 300)
     seam = np.zeros(400, bool)
     seam[302] = True
-    kept, dropped = without_loose(np.concatenate([large, small, border]), seam)
+    kept, dropped = without_floaters(np.concatenate([large, small, border]), seam)
     np.testing.assert_array_equal(kept, np.concatenate([large, border]))
     assert dropped == 1
-    kept, dropped = without_loose(np.concatenate([strip(SMALLEST_FACES - 1), small]), np.zeros(400, bool))
+    kept, dropped = without_floaters(np.concatenate([strip(SMALLEST_FACES - 1), small]), np.zeros(400, bool))
     assert len(kept) == 0 and dropped == 2
-    assert without_loose(np.zeros((0, 3), np.int32), seam)[1] == 0
+    assert without_floaters(np.zeros((0, 3), np.int32), seam)[1] == 0
 
 
 def test_of_the_faces_at_an_edge_the_two_largest_stay():

@@ -26,7 +26,7 @@ def below_a_ceiling(count=400, height=2.0):
     directions = even_directions(count)
     with np.errstate(divide="ignore"):
         distance = np.where(directions[:, 1] > 0, height / directions[:, 1], np.inf)[None]
-    return Overhead.of(np.zeros((1, 3)), directions, distance, np.isfinite(distance), UP, [Eye(np.zeros(3), 0.1)])
+    return Overhead.of(np.zeros((1, 3)), directions, distance, UP, [Eye(np.zeros(3), 0.1)])
 
 
 def square(height, low, high):
@@ -66,7 +66,7 @@ def test_there_are_never_more_lines_than_asked_for():
     directions = np.tile(UP, (50, 1))
     points = np.random.default_rng(0).normal(size=(MOST_LINES // 40, 3))
     distance = np.ones((len(points), 50))
-    overhead = Overhead.of(points, directions, distance, distance > 0, UP, [])
+    overhead = Overhead.of(points, directions, distance, UP, [])
     assert MOST_LINES / 2 < len(overhead.lines) <= MOST_LINES
 
 
@@ -83,7 +83,7 @@ def test_a_room_knows_its_ceiling_and_a_garden_none():
 def quick():
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(EFFORTS, "draft", Effort(views=12, pixels=96, cells=80, depth=6, points=20_000))
-        patch.setattr(standpoints, "ROOM_EYES", 4)
+        patch.setattr(standpoints, "EYES", 4)
         yield
 
 

@@ -81,7 +81,7 @@ def meshed(tmp_path_factory):
     folder = tmp_path_factory.mktemp("panes")
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(EFFORTS, "draft", Effort(views=12, pixels=96, cells=80, depth=6, points=20_000))
-        patch.setattr(standpoints, "ROOM_EYES", 4)
+        patch.setattr(standpoints, "EYES", 4)
         scenes: list[Scene] = []
         splats, (walls, pane, *_) = windowed()
         rest = np.delete(np.arange(len(splats)), walls + np.arange(pane))

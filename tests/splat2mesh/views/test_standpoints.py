@@ -7,7 +7,6 @@ from place_splats import box, garden, joined, room
 
 from splat2mesh.base.errors import InputError
 from splat2mesh.surface.background import far_background
-from splat2mesh.views import standpoints as standpoints_of
 from splat2mesh.views.eyes import around
 from splat2mesh.views.standpoints import standpoints
 from splat2mesh.views.viewpoints import bounds_of
@@ -54,23 +53,6 @@ def test_a_room_may_have_a_cellar(in_the_room):
 def test_an_object_is_seen_from_around():
     standing = found(solid_ball())
     assert standing.kind == "outside" and standing.eyes == []
-
-
-def test_about_an_object_few_places_are_looked_from_and_in_a_room_all_with_the_same_result(monkeypatch, in_the_room):
-    looked, cast = [], standpoints_of._RayFans.cast.__func__
-
-    def counted(cls, grid, points):
-        looked.append(len(points))
-        return cast(cls, grid, points)
-
-    monkeypatch.setattr(standpoints_of._RayFans, "cast", classmethod(counted))
-    found(solid_ball())
-    assert looked == [standpoints_of.FIRST_PLACES]
-    monkeypatch.setattr(standpoints_of, "FIRST_PLACES", 50)
-    again = found(room())
-    assert looked[1] == 50 and looked[2] > 400
-    np.testing.assert_array_equal([e.center for e in again.eyes], [e.center for e in in_the_room.eyes])
-    assert again.share_enclosed == in_the_room.share_enclosed and again.focal == in_the_room.focal
 
 
 def test_the_choice_overrules_what_the_splat_says():

@@ -257,7 +257,7 @@ def without(content, key):
 
 INRIA = cameras_json(orbit(1))
 BAD = {
-    "no JSON": ("{", "is not JSON"),
+    "no JSON": ("{", "not valid JSON"),
     "a number": ("7", "holds no cameras; expected a COLMAP folder"),
     "another object": ('{"splats": []}', "holds no cameras"),
     "a list of numbers": ("[1, 2]", "holds no cameras"),

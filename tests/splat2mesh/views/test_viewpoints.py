@@ -117,13 +117,11 @@ def test_nobody_looks_out_of_a_sealed_object():
     assert len(eyes) > 48  # there are places beside the ball, in the corners of its box
 
 
-def test_a_room_is_seen_and_shown_from_inside():
+def test_a_room_is_seen_from_inside():
     half = np.array([2.0, 1.2, 1.6])
     splats = room_in_a_haze(half)
     eyes = eyes_of(virtual_views(splats, VIEWS, PIXELS, UP))
     assert (np.abs(eyes) < half).all(axis=1).mean() > 0.8
-    picture = picture_view(splats, UP, within=True)
-    assert (np.abs(picture.center) < half).all()
 
 
 def test_an_object_is_shown_whole_upright_and_from_slightly_above():

@@ -111,7 +111,7 @@ def test_broken_scenes_get_one_line(tmp_path):
         ("index.bin", index(0, "<i", 4, 0x7FFFFFFF), r"holds \["),
         ("index.bin", index(0, "<q", 8, 1 << 62), "names splats beyond"),
         ("index.bin", index(1, "<q", 8, 7), "begins within a splat"),
-        ("meta.lcc", b"{ not json", "does not describe an LCC scene"),
+        ("meta.lcc", b"{ not json", "not valid JSON"),
         ("meta.lcc", b"[]", "not a splat file|does not describe an LCC scene"),
         ("meta.lcc", json.dumps(meta | {"totalLevel": 1 << 40}).encode(), "totalLevel must be"),
         ("meta.lcc", json.dumps(meta | {"attributes": []}).encode(), "lacks the bounds of scale"),

@@ -1,14 +1,14 @@
 """The opacity field in plain NumPy float64: slow, short, no tiles, no search steps. The tests' oracle."""
 
 import numpy as np
+from rasterize_reference import project
 
-from ..base.arrays import Floats
-from ..splats.splats import Splats
-from .footprints import MIN_ALPHA, NEAR
-from .levelsearch import FARTHEST_Q, SPREAD_FROM, SPREAD_TO
-from .opacityfield import ENOUGH, FIELD_LEVEL, LIST, MAX_ALPHA, MIN_WEIGHT, FieldDepth
-from .rasterize_reference import project
-from .view import View
+from splat2mesh.base.arrays import Floats
+from splat2mesh.render.footprints import MIN_ALPHA, NEAR
+from splat2mesh.render.levelsearch import FARTHEST_Q, SPREAD_FROM, SPREAD_TO
+from splat2mesh.render.opacityfield import ENOUGH, FIELD_LEVEL, LIST, MAX_ALPHA, MIN_WEIGHT, FieldDepth
+from splat2mesh.render.view import View
+from splat2mesh.splats.splats import Splats
 
 
 def field_depth_reference(splats: Splats, view: View, near: float = NEAR, level: float = FIELD_LEVEL) -> FieldDepth:

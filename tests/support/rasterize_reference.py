@@ -3,18 +3,16 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ..base.arrays import Floats
-from ..splats.splats import Splats
-from .footprints import DILATION, GUARD_BAND, MIN_ALPHA, NEAR
-from .rasterize import MAX_ALPHA, MIN_DEPTH_ALPHA, MIN_TRANSMITTANCE, Rendering
-from .view import View
+from splat2mesh.base.arrays import Floats
+from splat2mesh.render.footprints import DILATION, GUARD_BAND, MIN_ALPHA, NEAR
+from splat2mesh.render.rasterize import MAX_ALPHA, MIN_DEPTH_ALPHA, MIN_TRANSMITTANCE, Rendering
+from splat2mesh.render.view import View
+from splat2mesh.splats.splats import Splats
 
 
 def rasterize_reference(splats: Splats, view: View, near: float = NEAR) -> Rendering:
-    """`rasterize`, every splat against every pixel. Same arguments, same Rendering.
-
-    Time N x H x W: meant for some hundred splats and some thousand pixels.
-    """
+    """`rasterize`, every splat against every pixel. Same arguments, same Rendering. Time N x H x W: meant for some
+    hundred splats and some thousand pixels."""
     center, covariance, depth = project(splats, view)
     color = splats.colors_toward(view.center)
     pixels = np.stack(np.meshgrid(np.arange(view.width) + 0.5, np.arange(view.height) + 0.5), axis=-1)
