@@ -12,6 +12,9 @@ CAPTURED_SKIES = ("clear", "hazy", "overcast", "shade", "night")
 ANEW = "auto"
 """Captured light to estimate, whatever was chosen before."""
 
+HEIGHT, WIDTH = 256, 512
+"""Texels of the image of a sky that is computed: 0.7 degrees."""
+
 SUN_TOLERANCE = 0.007
 """Accepted error of the split of suns where nothing is planned, by the estimate of `sun_split.split`, which is for
 walls beside every vertex. True errors of 10 bands and 256 rays were 0.2 to 1.1 of it on two objects, and 0.5 to 1.5 on
