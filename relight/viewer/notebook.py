@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from splat2mesh.base.errors import InputError
 
+from .controls import KEY_NAMES
 from .window import IDLE_SECONDS
 
 if TYPE_CHECKING:
@@ -52,10 +53,11 @@ def serve(window: "Window", port: int = 0, announce: Callable[[str], None] = lam
     server, token = get_server("relight", client_type="vue3"), secrets.token_urlsafe(TOKEN_BYTES)
     server.cli.set_defaults(authKey=token, nosignalhandlers=True)  # we handle Ctrl-C
     server.state.trame__title = f"{window.session.name} \N{MIDDLE DOT} relight"
+    symbols = {" ": "space"} | {label: symbol for symbol, label in KEY_NAMES.items()}  # the browser's label -> VTK's
     window.tick()
 
     def press(key: str) -> None:
-        window.press_key(_SYMBOLS.get(key, key))
+        window.press_key(symbols.get(key, key.removeprefix("Arrow")))
 
     with VAppLayout(server) as layout:
         keys = html.Div(
@@ -114,19 +116,3 @@ async def run_loop(window: "Window", push: Callable[[], Any]) -> None:
             await asyncio.sleep(IDLE_SECONDS)
     finally:
         window.close()
-
-
-_SYMBOLS = {
-    "ArrowLeft": "Left",
-    "ArrowRight": "Right",
-    "ArrowUp": "Up",
-    "ArrowDown": "Down",
-    " ": "space",
-    "-": "minus",
-    "=": "equal",
-    ",": "comma",
-    ".": "period",
-    "[": "bracketleft",
-    "]": "bracketright",
-}
-"""VTK's key symbols by the browsers' names of keys."""

@@ -43,7 +43,7 @@ def test_overcast_zenith_is_three_times_its_horizon_and_the_ground_a_fifth_of_it
 
 @pytest.mark.parametrize(("name", "elevation_deg", "share"), [("noon", 60.0, 5.0), ("sunset", 6.0, 0.25)])
 def test_sun_stands_where_it_should_with_the_energy_it_should(name, elevation_deg, share):
-    image = getattr(skies, name)()
+    image = skies.image_of(name)
     above = luminance(image)[:128]
     sun = above > 100.0  # the disc outshines haze and sky by a factor of over a thousand
     assert 1 <= sun.sum() <= 9  # half a degree across: 0.7 degrees a texel, so that it straddles a few
