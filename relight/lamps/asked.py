@@ -8,7 +8,7 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal, TypeAlias, get_args
+from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
@@ -21,12 +21,10 @@ from .photometry import axis_intensity, flux, times
 from .shapes import (
     MOST_LIGHT,
     Lamp,
-    MeshLamp,
     SphereLamp,
     TubeLamp,
     checked_light,
     checked_size,
-    checked_vector,
 )
 
 Unit: TypeAlias = Literal["picture", "EV", "lumen", "candela"]
@@ -175,16 +173,6 @@ def in_words(lamp: Lamp, scale: LampScale, place: str = "room") -> str:
     if scale.candela is not None:
         text += f", {_two_digits(float(luminance(flux(lamp))) / (scale.candela * scale.metre * scale.metre))} lm"
     return text
-
-
-def moved(shape: Lamp, offset: Triple) -> Lamp:
-    """A lamp moved by `offset`, in its own unit of length."""
-    by = np.asarray(checked_vector("at", offset))
-    if isinstance(shape, MeshLamp):
-        return replace(shape, vertices=shape.vertices + by)
-    names = [name for name in ("position", "target", "center", "start", "end") if hasattr(shape, name)]
-    changed: Any = {name: tuple((np.asarray(getattr(shape, name)) + by).tolist()) for name in names}
-    return replace(shape, **changed)
 
 
 def _two_digits(value: float) -> str:

@@ -16,7 +16,6 @@ from splat2mesh.splats.splats import SH_C0, Splats
 from .attachment import Surface
 from .blend_lists import in_tiles
 from .blending import Blending, blending_of
-from .fit_rounds import FitRounds
 from .light_ratio import CURVE_OFFSET
 from .packed_pixels import packed, unpacked
 
@@ -137,14 +136,20 @@ class Looks(NamedTuple):
             wanted[rows] = np.expm1(np.einsum("nk,nkc->nc", weights, of_nodes[self.corners[rows]]))
 
         in_batches(gain, len(wanted), _BATCH)
-        fit, seen = FitRounds.of(self.blending, self.known), np.zeros((len(relit), 1), np.float32)
-        fit.begin(shown + np.float32(CURVE_OFFSET), wanted, seen)
-        moved = np.zeros_like(relit)
+        wanted *= self.blending.drawn(shown + np.float32(CURVE_OFFSET))[self.known]
+        seen, moved = self._spread(np.ones((len(wanted), 1), np.float32), len(relit)), np.zeros_like(relit)
         for _ in range(rounds):
-            sums = np.zeros_like(relit)
-            fit.spread(_shown_colors(relit + moved) - shown, wanted, sums)
-            moved += sums / (seen + CAUTION) / SH_C0
+            lacking = wanted - self.blending.drawn(_shown_colors(relit + moved) - shown)[self.known]
+            moved += self._spread(lacking, len(relit)) / (seen + CAUTION) / SH_C0
         return moved
+
+    def _spread(self, values: NDArray[np.float32], count: int) -> NDArray[np.float32]:
+        """The sums (N, C) of the shares that Gaussians have of values (Q, C) of the known pixels."""
+        pixels = np.zeros((AREA * (len(self.blending.runs) - 1), values.shape[1]), np.float32)
+        pixels[self.known] = values
+        sums = np.zeros((count, values.shape[1]), np.float32)
+        self.blending.spread(pixels, sums)
+        return sums
 
 
 def _shown_colors(constant: NDArray[np.float32]) -> NDArray[np.float32]:
