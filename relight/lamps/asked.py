@@ -16,10 +16,10 @@ from splat2mesh.base.arrays import Triple
 from splat2mesh.base.errors import InputError
 from splat2mesh.scene.color import luminance
 
+from ..light import MOST_RADIANCE
 from .color import WHITE
 from .photometry import axis_intensity, flux, times
 from .shapes import (
-    MOST_LIGHT,
     Lamp,
     SphereLamp,
     TubeLamp,
@@ -30,7 +30,7 @@ from .shapes import (
 Unit: TypeAlias = Literal["picture", "EV", "lumen", "candela"]
 
 LARGEST_EV = 40.0
-"""2^40 is MOST_LIGHT."""
+"""2^40 is MOST_RADIANCE."""
 
 LONGEST_NAME = 80
 
@@ -55,7 +55,7 @@ class Brightness:
     def __post_init__(self) -> None:
         if self.unit not in get_args(Unit):
             raise InputError(f"`brightness` in {self.unit}: expected one of {', '.join(get_args(Unit))}")
-        most = LARGEST_EV if self.unit == "EV" else MOST_LIGHT
+        most = LARGEST_EV if self.unit == "EV" else MOST_RADIANCE
         least = -LARGEST_EV if self.unit == "EV" else 0.0
         value = checked_size("brightness", self.value, least=least)
         if value > most:

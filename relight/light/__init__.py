@@ -12,6 +12,10 @@ CAPTURED_SKIES = ("clear", "hazy", "overcast", "shade", "night")
 ANEW = "auto"
 """Captured light to estimate, whatever was chosen before."""
 
+MOST_RADIANCE = 1e12
+"""Brighter pixels are clipped to it, and lamps refused, or sums and exposures would leave float32. The sun has 2e9
+cd/m^2."""
+
 HEIGHT, WIDTH = 256, 512
 """Texels of the image of a sky that is computed: 0.7 degrees."""
 

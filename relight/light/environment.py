@@ -17,11 +17,8 @@ from splat2mesh.base.inputs import reading
 from splat2mesh.scene.color import luminance
 
 from ..sh import latlong, rotors
-from . import projections, skies
+from . import MOST_RADIANCE, projections, skies
 from .environment_files import read_light
-
-MOST_RADIANCE = 1e12
-"""Brighter pixels are clipped to it, or sums and exposures would leave float32. The sun has 2e9 cd/m^2."""
 
 _ANGLE_DIGITS = 9  # 1e-9 degrees: drops the rounding error of the reduction modulo 360
 

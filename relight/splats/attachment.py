@@ -42,8 +42,6 @@ surface are nearer: 99% within 0.024 to 0.031."""
 PATCHES = 8
 """Along the longest side of the box, for those means."""
 
-_BATCH = 1 << 16
-
 
 class Surface:
     """The welded mesh of a scene in the frame of its splats.
@@ -211,7 +209,7 @@ class Places:
             self.weights[rows, 3 : 3 + nearest] = around / total
             self.far[rows] = 1.0 - 1.0 / (1.0 + (touched / (FAR * surface.diagonal)) ** 4)
 
-        in_batches(ask, count, _BATCH)
+        in_batches(ask, count)
 
     def interpolate(self, values: Floats) -> NDArray[np.float32]:
         """(M, C) float32 of nodes -> (N, C) float32 of Gaussians."""
@@ -221,14 +219,14 @@ class Places:
         def mix(rows: slice) -> None:
             result[rows] = np.einsum("nk,nkc->nc", self.weights[rows], values[self.columns[rows]])
 
-        in_batches(mix, len(result), _BATCH)
+        in_batches(mix, len(result))
         lost = np.flatnonzero(self.far > 1e-3)  # less than that is no step of a display
 
         def fade(part: slice) -> None:
             rows = lost[part]
             result[rows] += self.far[rows, None] * (patches.seen_from(self._means[rows]) - result[rows])
 
-        in_batches(fade, len(lost), _BATCH)
+        in_batches(fade, len(lost))
         return result
 
 

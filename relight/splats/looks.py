@@ -36,9 +36,6 @@ CAUTION = 0.5
 UV_PARTS = np.float32(65535)
 """Weights of corners are whole parts of it: next to the noise of a mesh that is nothing."""
 
-_BATCH = 1 << 18
-"""Pixels."""
-
 
 class Looks(NamedTuple):
     """Pictures of N Gaussians. blending: Blending of the pixels that show the mesh. known: (Q,) int64, these pixels.
@@ -135,7 +132,7 @@ class Looks(NamedTuple):
             weights = np.stack([1.0 - second - third, second, third], axis=1)
             wanted[rows] = np.expm1(np.einsum("nk,nkc->nc", weights, of_nodes[self.corners[rows]]))
 
-        in_batches(gain, len(wanted), _BATCH)
+        in_batches(gain, len(wanted))
         wanted *= self.blending.drawn(shown + np.float32(CURVE_OFFSET))[self.known]
         seen, moved = self._spread(np.ones((len(wanted), 1), np.float32), len(relit)), np.zeros_like(relit)
         for _ in range(rounds):

@@ -16,13 +16,11 @@ from splat2mesh.base.arrays import Indices, Mask
 from splat2mesh.base.kernels import kernel
 from splat2mesh.base.threads import in_slices
 
+from .occluder import BATCH_RAYS
 from .sampling import direction, tangents, turned
 
 MARGIN = np.float32(1e-5)
 """A box is larger by this, in the unit frame: a hundred roundings."""
-
-BATCH_RAYS = 2**20
-"""Rays in memory at once, at most: 28 MiB."""
 
 
 class Box(NamedTuple):
