@@ -21,7 +21,7 @@ from ..transfer.occluder import BATCH_RAYS, Occluder
 from ..transfer.sampling import hashed_offsets
 from .choosing import ALONE, Chosen, chosen_at
 from .emitters import Emitters
-from .unoccluded import BALL, TUBE_NODES, aimed, directed, unoccluded
+from .unoccluded import BALL, aimed, directed, tube_rule, unoccluded
 
 PILOT_RAYS, PILOT_PART = 4, 4
 """Rays that go first to an emitter of some size: a quarter of all, but at least so many. What they miss of a
@@ -111,11 +111,9 @@ class Lit(NamedTuple):
 def _add(lit: Lit, chosen: Chosen, rays: int, least: float, found: NDArray[np.float32]) -> None:
     """Add the light of the chosen emitters at some vertices into `found`."""
     emitters, (origins, normals, leaf, _) = lit.emitters, lit.places
-    nodes, node_weights = np.polynomial.legendre.leggauss(TUBE_NODES)
-    nodes, node_weights = (nodes + 1.0) / 2.0, node_weights / 2.0
     count = len(origins)
     light = np.zeros(chosen.emitters.shape, np.float32)
-    in_slices(_free, count, origins, normals, leaf, emitters, *chosen, np.float32(least), nodes, node_weights, light)
+    in_slices(_free, count, origins, normals, leaf, emitters, *chosen, np.float32(least), *tube_rule(), light)
     row, slot = np.nonzero(light)
     vertex: NDArray[np.int32] = row.astype(np.int32)
     emitter: NDArray[np.int32] = chosen.emitters[row, slot]

@@ -2,22 +2,18 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Vector
 from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
-from splat2mesh.scene.scene import Scene
-from splat2mesh.splats.splats import Splats
 
-from ..insert.probe import LightAround, probe, usual_place
+from ..insert.probe import ProbedScene, usual_place
 from ..insert.probe_grid import ProbeGrid
 from ..light.environment import Environment
 from ..light.tonemap import compress_highlights
 from ..sh import harmonics
-from ..transfer.occluder import Occluder
 from .images import write_exr, write_png
 from .probe_set import BANDS, irradiance_of, places_of, write_probe_set
 
@@ -29,20 +25,6 @@ GREY = 0.5
 
 ROWS_OF_GRID = 64
 """Size of the pictures of a grid's probes: enough for nine harmonics."""
-
-
-class ProbedScene(NamedTuple):
-    """Relit splats and their scene in a light, where probes stand. exposure: display value per unit of radiance."""
-
-    splats: Splats
-    scene: Scene
-    occluder: Occluder
-    light: LightAround
-    exposure: float
-
-    def picture(self, place: Vector, *rows: int) -> NDArray[np.float32]:
-        """The lat-long picture of the light at a place, frame of the splats."""
-        return probe(*self, place, *rows)
 
 
 def write_probes(

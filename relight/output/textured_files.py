@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,24 +26,31 @@ TRANSFER_BANDS = 3
 brightness from higher bands (Ramamoorthi, Hanrahan 2001); what shadows add in them is lost."""
 
 
+class Skin(NamedTuple):
+    """A texture of a scene and what it shows. picture: JPEG or PNG of (size, size, 3) sRGB. gloss: (V, 2) roughness and
+    metalness of the vertices; matt without."""
+
+    baked: "Baked"
+    picture: bytes
+    gloss: NDArray[np.float32] | None = None
+
+
 def write_textured_glb(
     path: str | Path,
     scene: "Scene",
-    baked: "Baked",
-    picture: bytes,  # JPEG or PNG of (size, size, 3) sRGB
+    skin: Skin,
     unlit: bool = True,  # shown unlit; False: lit by the viewer, as a matt surface
     extras: dict | None = None,  # dict of JSON values, kept in the glTF scene's `extras`
-    gloss: NDArray[np.float32] | None = None,  # (V, 2) roughness and metalness of the vertices; matt without
     others: "Sequence[tuple[Mesh, NDArray[np.float32]]]" = (),  # without a texture, with (V, 3) linear colours
 ) -> None:
     """Write the scene as binary glTF 2.0: a mesh per chunk with TEXCOORD_0, one material, the picture inside.
 
-    Vertices stand in the order of `baked.atlas`; on seams of the texture there are several of one scene vertex. The
-    same input gives the same bytes.
+    Vertices stand in the order of the atlas; on seams of the texture there are several of one scene vertex. The same
+    input gives the same bytes.
     """
-    pictures = [picture] if gloss is None else [picture, png_bytes(_gloss_image(baked.atlas, gloss))]
-    material = "relit" if unlit else "albedo"
-    file = textured_glb(scene, baked.atlas, pictures, len(scene.chunks), material, unlit)
+    atlas, gloss = skin.baked.atlas, skin.gloss
+    pictures = [skin.picture] if gloss is None else [skin.picture, png_bytes(_gloss_image(atlas, gloss))]
+    file = textured_glb(scene, atlas, pictures, len(scene.chunks), "relit" if unlit else "albedo", unlit)
     add_cards(file, others, unlit)
     file.save(path, extras)
 

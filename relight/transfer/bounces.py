@@ -25,7 +25,7 @@ from splat2mesh.base.progress import Advance
 from splat2mesh.base.threads import in_order, in_slices, read_only
 
 from .bounce_blend import BounceBlend, known_lights
-from .bounce_places import BouncePlaces, batch_of
+from .bounce_places import BouncePlaces, Shooting, batch_of
 from .bounce_rows import gather, gather_rgb, unpack
 from .checks import check_shape, checked_albedo
 from .neighbors import Neighbors
@@ -83,7 +83,7 @@ class Interreflection:
         Without it, a row sums to the fraction of its own rays that hit. Either way, hits on back faces do not count.
         Raises InputError for rays outside 1..65536 and for a `visible` that is not (V,) in [0, 1].
         """
-        places = BouncePlaces.shot(occluder, rays, seed, advance, sharing.receivers)
+        places = BouncePlaces.shot(rays, Shooting(occluder, seed, advance, sharing.receivers))
         self._make(places, rays, occluder, visible, sharing)
 
     @classmethod

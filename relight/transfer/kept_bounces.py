@@ -10,7 +10,7 @@ from splat2mesh.base.arrays import Floats, Mask, Transfer
 from splat2mesh.base.progress import Stages
 from splat2mesh.scene.scene import Scene
 
-from .bounce_places import BouncePlaces
+from .bounce_places import BouncePlaces, Shooting
 from .bounces import Interreflection, Sharing, visible_fraction
 from .neighbors import Neighbors
 from .occluder import Occluder
@@ -153,8 +153,8 @@ class KeptBounces:
         there, known = self._growing_to(rays)
         sets = 1 if known is None else (rays - there) // int(known.base)
         with self._stages.stage("bounce rays", sets * len(receivers.rows)) as advance:
-            asked = occluder, rays, self.seed, advance, receivers
-            places = BouncePlaces.shot(*asked) if known is None else known.grown(there, *asked)
+            how = Shooting(occluder, self.seed, advance, receivers)
+            places = BouncePlaces.shot(rays, how) if known is None else known.grown(there, rays, how)
             found = Interreflection.of_places(places, rays, occluder, visible, Sharing(receivers, self._neighbors))
         self._traced = None if self.cache.keeps else (rays, places)
         self.rays_traced += (rays - there) * len(receivers.rows)

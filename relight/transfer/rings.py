@@ -55,13 +55,13 @@ class Rings(Neighbors):
     def averaged(
         self,
         normals: NDArray[np.float32],  # (N, 3) float32, unit
-        model: NDArray[np.float32],  # (N, 4) float32 of `sampling.gather`
-        rest: NDArray[np.float32],  # (N, K) float32 of the same
+        seen: tuple[NDArray[np.float32], NDArray[np.float32]],  # model (N, 4) and rest (N, K) of `sampling.gather`
         rays: int,
         steps: int,
         changed: Mask,  # (N,) bool, nodes whose model, rest or normal is new
     ) -> tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.float32]]:
         """Nodes whose average is new, sorted (M,), and their model (M, 4) and rest (M, K): see `filtering.average`."""
+        model, rest = seen
         if steps == 0 or not changed.any():
             nodes = np.flatnonzero(changed)
             return nodes, model[nodes], rest[nodes]
