@@ -16,10 +16,8 @@ from ..lamps.shapes import Lamp, MeshLamp
 from ..light.environment import Environment
 from ..light.sun_split import split
 from ..light.suns import Suns
+from ..transfer import DEFAULT_BANDS
 from ..transfer.occluder import Frame, Occluder
-
-BANDS = 8
-"""Bands of the harmonics from which suns are split off: as in the estimate of the captured light."""
 
 LAMP_RAYS = 32
 """Rays to each lamp in half-shadows."""
@@ -127,7 +125,7 @@ def surroundings_of(
     for sky in skies:
         if sky.factor <= 0.0 or not sky.environment.radiance.any():
             continue
-        rest, suns = split(sky.environment, BANDS)
+        rest, suns = split(sky.environment, DEFAULT_BANDS)
         rests.append(Sky(rest, sky.factor))
         directions.append(suns.directions)
         weights.append(sky.factor * suns.weights)

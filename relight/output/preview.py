@@ -15,6 +15,7 @@ from splat2mesh.render.view import View
 from splat2mesh.scene.color import bytes_from_unit, linear_from_srgb, srgb_from_linear
 
 from ..light.tonemap import compress_highlights
+from ..transfer.occluder import BATCH_RAYS
 from ..transfer.sampling import GOLDEN_TURN
 from .mesh_files import check_radiance
 
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
 
 _FIELD_OF_VIEW_DEG = 40.0
 _AZIMUTH_DEG, _ELEVATION_DEG = 30.0, 20.0  # three-quarter view: from +z, turned towards +x, slightly above
-_RAYS_AT_ONCE = 2**19  # bounds the memory of large pictures
 NOWHERE = 1e10
 """Depth of rays without a hit: far beyond any scene, and a number that all programs read."""
 
@@ -175,7 +175,7 @@ def _split(view: View, samples: int) -> Iterator[tuple[slice, View]]:
     """
     step = np.arange(samples) - 0.5 * (samples - 1)
     offsets = np.stack([step / samples, (step * GOLDEN_TURN + 0.5) % 1.0 - 0.5], axis=1)
-    band = max(1, _RAYS_AT_ONCE // view.width)
+    band = max(1, BATCH_RAYS // view.width)
     for top in range(0, view.height, band):
         rows = slice(top, min(top + band, view.height))
         for dx, dy in offsets:

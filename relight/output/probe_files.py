@@ -14,8 +14,9 @@ from ..insert.probe_grid import ProbeGrid
 from ..light.environment import Environment
 from ..light.tonemap import compress_highlights
 from ..sh import harmonics
+from ..transfer import FEW_BANDS
 from .images import write_exr, write_png
-from .probe_set import BANDS, irradiance_of, places_of, write_probe_set
+from .probe_set import irradiance_of, places_of, write_probe_set
 
 BALL = 360
 """Side of the picture of a ball, in pixels."""
@@ -62,6 +63,6 @@ def balls(image: NDArray[np.float32]) -> NDArray[np.uint8]:
     plain = np.full((BALL, BALL, 3), 0.02, np.float32)
     chrome, grey = plain.copy(), plain.copy()
     chrome[inside] = environment.lookup(mirrored[inside])
-    received = harmonics.evaluate(normal[inside], BANDS) @ irradiance_of(image)
+    received = harmonics.evaluate(normal[inside], FEW_BANDS) @ irradiance_of(image)
     grey[inside] = GREY * np.maximum(received, 0.0).astype(np.float32)
     return bytes_from_unit(srgb_from_linear(compress_highlights(np.concatenate([chrome, grey], axis=1))))

@@ -12,6 +12,7 @@ from splat2mesh.base.outputs import staged_file
 from splat2mesh.base.strictjson import text_of
 from splat2mesh.texture.glb import add_cards, textured_glb
 
+from ..transfer import FEW_BANDS
 from .images import png_bytes, write_exr, write_png
 
 if TYPE_CHECKING:
@@ -20,10 +21,6 @@ if TYPE_CHECKING:
     from splat2mesh.texture.atlas import Atlas
 
     from ..texture.baking import Baked
-
-TRANSFER_BANDS = 3
-"""Bands of the transfer in images: nine numbers in three RGB pictures. An unshadowed diffuse surface gets 1% of its
-brightness from higher bands (Ramamoorthi, Hanrahan 2001); what shadows add in them is lost."""
 
 
 class Skin(NamedTuple):
@@ -67,21 +64,21 @@ def write_transfer(
     Returns the names of the files. Raises InputError for another shape.
     """
     transfer, atlas = np.asarray(transfer), baked.atlas
-    if transfer.ndim != 2 or len(transfer) != atlas.vertices or transfer.shape[1] < TRANSFER_BANDS**2:
+    if transfer.ndim != 2 or len(transfer) != atlas.vertices or transfer.shape[1] < FEW_BANDS**2:
         raise InputError(f"transfer images need ({atlas.vertices}, 9) coefficients or more, found {transfer.shape}")
-    values = atlas.interpolate(transfer[:, : TRANSFER_BANDS**2])
+    values = atlas.interpolate(transfer[:, : FEW_BANDS**2])
     folder = Path(folder)
     names = []
-    for index in range(TRANSFER_BANDS):
+    for index in range(FEW_BANDS):
         names.append(f"transfer_{index}.exr")
         image = atlas.image(values[:, 3 * index : 3 * index + 3].astype(np.float16))
         write_exr(folder / names[-1], {"RGB": image})
     names.append("albedo.png")
     write_png(folder / names[-1], baked.relit())
     facts = {
-        "images": names[:TRANSFER_BANDS],
+        "images": names[:FEW_BANDS],
         "albedo": "albedo.png",
-        "bands": TRANSFER_BANDS,
+        "bands": FEW_BANDS,
         "order": "image i holds coefficients 3 i, 3 i + 1, 3 i + 2 in R, G, B; index l (l + 1) + m",
         "basis": "real, orthonormal, all-positive",
         "scale": 1.0,

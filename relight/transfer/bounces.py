@@ -24,7 +24,7 @@ from splat2mesh.base.errors import InputError
 from splat2mesh.base.progress import Advance
 from splat2mesh.base.threads import in_order, in_slices, read_only
 
-from .bounce_blend import BounceBlend, known_lights
+from .bounce_blend import BounceBlend, Met, known_lights
 from .bounce_places import BouncePlaces, Shooting, batch_of
 from .bounce_rows import gather, gather_rgb, unpack
 from .checks import check_shape, checked_albedo
@@ -194,7 +194,7 @@ class Interreflection:
                 self.receivers.filled(lights)
             return self._gathered(np.hstack([lights, lights**2]), self._per_hit)
 
-        return BounceBlend(neighbors, self.hits, self._fronts, self.hidden, known, self.rays, share)
+        return BounceBlend(neighbors, Met(self.hits, self._fronts, self.hidden, self.rays), known, share)
 
     @property
     def _per_hit(self) -> NDArray[np.float32]:
