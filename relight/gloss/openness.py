@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 from splat2mesh.base.arrays import Indices, Matrix3, Radiance
 from splat2mesh.base.sphere import fibonacci_sphere
 from splat2mesh.base.threads import in_batches
+from splat2mesh.render.raycaster import corner_weights
 
 from ..sh import harmonics
 from ..splats.attachment import Surface
@@ -52,9 +53,7 @@ def openness(
         # A coefficient of a function that is 1 everywhere is sqrt(4 pi) in the constant one: then all others stay 0.
         moments = seen @ basis
         visible[rows] = np.linalg.solve(square + count[:, None, None] * hold, moments[:, :, None])[:, :, 0]
-        second, third = hits.uv[met].T
-        shares = np.stack([1.0 - second - third, second, third], axis=1)
-        sent = np.einsum("nk,nkc->nc", shares, colors[surface.faces[hits.faces[met]]])
+        sent = np.einsum("nk,nkc->nc", corner_weights(hits.uv[met]), colors[surface.faces[hits.faces[met]]])
         total = np.stack([np.bincount(place[met], column, len(points)) for column in sent.T], axis=1)
         hidden[rows] = total / np.maximum(np.bincount(place[met], minlength=len(points)), 1)[:, None]
 

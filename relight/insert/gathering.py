@@ -13,14 +13,14 @@ from splat2mesh.base.arrays import Indices, Mask
 from splat2mesh.base.kernels import kernel
 from splat2mesh.base.progress import Advance
 from splat2mesh.base.threads import in_slices
-from splat2mesh.render.raycaster import Hits
+from splat2mesh.render.raycaster import Hits, corner_weights
 
 from ..lamps.tracing import lamplight
 from ..transfer.occluder import BATCH_RAYS
 from ..transfer.sampling import fibonacci_azimuths, hashed_offsets, shoot, tangents, turned
 from ..transfer.sunlight import sunlight
 from .standing import Standing
-from .surroundings import LAMP_RAYS, Receiving, Surroundings, Together, weights_of
+from .surroundings import LAMP_RAYS, Receiving, Surroundings, Together
 
 OBJECT_RAYS = 256
 """Rays from each vertex of an object, in all directions."""
@@ -66,7 +66,7 @@ def light_on(
         hit = hit[front]
         rows.append((start + hit // OBJECT_RAYS).astype(np.int32))
         faces.append(own.faces[hit])
-        weights.append(weights_of(own.uv[hit]))
+        weights.append(corner_weights(own.uv[hit]))
     places = Receiving(at.origins, at.normals)
     received += _direct(around, Together(around.occluder, places, standing.caster), places)
     return _thrown_on(received, standing, np.concatenate(rows), np.concatenate(faces), np.concatenate(weights))
@@ -183,7 +183,7 @@ def _through(
     live, flat = live[first], flat[first]
     before = around.seen(_of(behind, first), flat[:, 3:])
     corners = standing.faces[own.faces[met][first]]
-    after = np.einsum("nk,nkc->nc", weights_of(own.uv[met][first]), part.sent[corners])
+    after = np.einsum("nk,nkc->nc", corner_weights(own.uv[met][first]), part.sent[corners])
     change = weights.ravel()[live, None] * (after - before)
     return np.stack([np.bincount(live // count, change[:, c], size) for c in range(3)], axis=1).astype(np.float32)
 

@@ -14,13 +14,14 @@ from splat2mesh.base.arrays import Integers, Vector
 from splat2mesh.base.errors import DataWarning
 from splat2mesh.base.sphere import texel_directions
 from splat2mesh.render.rasterize import rasterize
+from splat2mesh.render.raycaster import corner_weights
 from splat2mesh.render.view import View
 from splat2mesh.scene.color import linear_from_srgb
 from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.splats import Splats
 
 from ..transfer.occluder import Frame, Occluder
-from .surroundings import Sky, weights_of
+from .surroundings import Sky
 
 HEIGHT = 256
 """Rows of the picture, half its columns: texels of .7 degrees."""
@@ -84,7 +85,7 @@ class ProbedScene(NamedTuple):
         if light.glow is not None:
             met = np.flatnonzero(~away)
             corners = occluder.faces[hits.faces[met]]
-            glow = np.einsum("nk,nkc->nc", weights_of(hits.uv[met]), light.glow[corners]) * np.float32(exposure)
+            glow = np.einsum("nk,nkc->nc", corner_weights(hits.uv[met]), light.glow[corners]) * np.float32(exposure)
             found[met] = np.maximum(found[met], glow)
         return found.reshape(height, 2 * height, 3)
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.errors import InputError
-from splat2mesh.render.raycaster import RayCaster
+from splat2mesh.render.raycaster import RayCaster, corner_weights
 from splat2mesh.render.view import View
 from splat2mesh.scene.color import bytes_from_unit, linear_from_srgb, srgb_from_linear
 
@@ -199,6 +199,4 @@ def _cast(raycaster: RayCaster, view: View) -> tuple[NDArray[np.bool_], NDArray[
     rays[:, :3], rays[:, 3:] = view.center, directions
     found = raycaster.first_hits(rays)
     hit = found.faces >= 0
-    uv = found.uv[hit]
-    weights = np.column_stack([1.0 - uv.sum(axis=1), uv])
-    return hit, found.faces[hit], weights
+    return hit, found.faces[hit], corner_weights(found.uv[hit])

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from splat2mesh.base.arrays import Directions, Faces, Floats, Integers, Points
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.threads import in_batches
-from splat2mesh.render.raycaster import RayCaster
+from splat2mesh.render.raycaster import RayCaster, corner_weights
 from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.splats import Splats
 
@@ -193,8 +193,7 @@ class Places:
         def ask(rows: slice) -> None:
             means = splats.means[rows]
             corners = surface.faces[touching.faces[rows]]
-            second, third = np.clip(touching.uv[rows], 0.0, 1.0).T
-            shares = np.stack([np.maximum(1.0 - second - third, 0.0), second, third], axis=1)
+            shares = corner_weights(np.clip(touching.uv[rows], 0.0, 1.0))
             touched = np.linalg.norm(touching.points[rows] - means, axis=1)
             distance, index = tree.query(means, nearest)
             distance, index = distance.reshape(len(means), -1), index.reshape(len(means), -1)

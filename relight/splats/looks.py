@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from splat2mesh.base.arrays import Faces, Floats, Mask
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.threads import in_batches
+from splat2mesh.render.raycaster import corner_weights
 from splat2mesh.render.screentiles import AREA
 from splat2mesh.render.view import View
 from splat2mesh.splats.splats import SH_C0, Splats
@@ -128,9 +129,9 @@ class Looks(NamedTuple):
         shown, wanted = _shown_colors(before), np.empty((len(self.known), 3), np.float32)
 
         def gain(rows: slice) -> None:
-            second, third = self.uv[rows].T
-            weights = np.stack([1.0 - second - third, second, third], axis=1)
-            wanted[rows] = np.expm1(np.einsum("nk,nkc->nc", weights, of_nodes[self.corners[rows]]))
+            wanted[rows] = np.expm1(
+                np.einsum("nk,nkc->nc", corner_weights(self.uv[rows]), of_nodes[self.corners[rows]])
+            )
 
         in_batches(gain, len(wanted))
         wanted *= self.blending.drawn(shown + np.float32(CURVE_OFFSET))[self.known]

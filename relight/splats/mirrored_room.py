@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Directions, Faces, Mask, Points
 from splat2mesh.render.rasterize import rasterize
-from splat2mesh.render.raycaster import RayCaster
+from splat2mesh.render.raycaster import RayCaster, corner_weights
 from splat2mesh.render.view import View
 from splat2mesh.scene.color import linear_from_srgb, luminance
 from splat2mesh.scene.scene import Scene
@@ -156,10 +156,8 @@ class MirroredRoom:
         up = rays - 2.0 * (rays @ self.normal)[:, None] * self.normal
         hits = self._caster.first_hits(np.hstack([places, up]).astype(np.float32))
         rows = hits.faces >= 0
-        second, third = hits.uv[rows].T
-        shares = np.stack([1.0 - second - third, second, third], axis=1)
         radiance = self.scene.colors_linear[self._faces[hits.faces[rows]]]
-        return rows, np.einsum("nk,nkc->nc", shares, radiance)
+        return rows, np.einsum("nk,nkc->nc", corner_weights(hits.uv[rows]), radiance)
 
     def _turned(self, points: Points, turn: int) -> Points:
         """Points (N, 3) turned about the vertical through the middle of the eyes."""
