@@ -23,7 +23,7 @@ from .clean_files import CleanFiles
 from .engine_files import EngineFiles
 from .images import write_png
 from .inserted_glb import inserted_glb
-from .inserted_picture import Shot, camera_of, with_objects
+from .inserted_picture import PictureAsked, camera_of, with_objects
 from .joined_splats import append_splats
 from .kinds import FILES, OUTPUTS, PICTURE_SIZE, SHEET, written_by
 from .live_files import LiveFiles
@@ -204,7 +204,9 @@ class Results:
         light = self._behind(shaded)
         if shaded.inserted is not None:
             floor = self._relit.floor_under(shaded.inserted, shaded.exposure)
-            relit = with_objects(relit, shaded.inserted, Shot(self._scene, picture.view, shaded.exposure), floor)
+            relit = with_objects(
+                relit, shaded.inserted, PictureAsked(self._scene, picture.view, shaded.exposure), floor
+            )
         return picture.of_splats(relit, light, shaded.exposure * shaded.backdrop)
 
     def _new_picture(self, camera: dict[str, Any] | None) -> RelitPicture:
