@@ -8,7 +8,6 @@ import os
 from collections import Counter
 from collections.abc import Callable
 from importlib import import_module
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -66,11 +65,14 @@ def read_usd_lamps(path: str | os.PathLike[str]) -> list[AskedLamp]:
 
 
 def library() -> Any:
-    """The modules of usd-core that are used. Raises InputError where they lack."""
+    """The package of usd-core, with its MODULES. Raises InputError where it lacks."""
     try:
-        return SimpleNamespace(**{name: import_module(f"pxr.{name}") for name in MODULES})
+        pxr = import_module("pxr")
+        for name in MODULES:
+            import_module(f"pxr.{name}")
     except ImportError:
         raise InputError('USD needs usd-core: pip install "splat2mesh[usd]"') from None
+    return pxr
 
 
 def _lamps(pxr: Any, stage: Any, path: str) -> list[AskedLamp]:
