@@ -10,7 +10,7 @@ from splat2mesh.base.choices import check_choice, check_seed
 from splat2mesh.base.errors import InputError
 
 from .light import ANEW, CAPTURED_SKIES, SUN_TOLERANCE
-from .transfer import DEFAULT_BANDS, DEFAULT_RAYS, GASH_BANDS, METHODS, check_rays
+from .transfer import DEFAULT_BANDS, DEFAULT_RAYS, FEW_BANDS, METHODS, check_rays
 from .transfer.settings import (
     BOUNCE_RAYS,
     BOUNCE_TOLERANCE,
@@ -190,7 +190,7 @@ class LightingOptions:
             method = "raytraced" if effects else "analytic"
         bands = DEFAULT_BANDS if self.bands is None else self.bands
         if method != "raytraced":
-            return Settings(method, min(bands, GASH_BANDS) if method == "neural-gash" else bands)
+            return Settings(method, min(bands, FEW_BANDS) if method == "neural-gash" else bands)
         rays = self.rays or DEFAULT_RAYS
         bouncing = (BOUNCE_RAYS, BOUNCE_TOLERANCE) if BOUNCES in effects else (0, 0.0)
         sun_tolerance = SUN_TOLERANCE if SUN in effects else 0.0

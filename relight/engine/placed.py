@@ -16,7 +16,7 @@ from splat2mesh.scene.color import luminance
 
 from ..lamps.emitters import Emitters, emitters_of
 from ..lamps.shapes import Lamp
-from ..lamps.tracing import LitVertices, Ordered, lamplight, lamplight_at, ordered
+from ..lamps.tracing import LitVertices, Ordered, lamplight, ordered
 from ..planning.bounce_plan import BouncePlan, plan_first_bounce
 from ..planning.lamp_plan import LampPlan, plan_lamps
 from ..rooms.evenness import Evenness
@@ -141,7 +141,7 @@ class LampLight:
 
     def glimpse(self) -> NDArray[np.float32]:
         """Direct light of all lamps by one ray to each from each vertex, (V, 3) float32: with hard shadows, at once."""
-        return lamplight_at(self._receivers, self._ordered, self._emitters, 1, self._least)
+        return lamplight(self._receivers, self._emitters, 1, at=self._ordered, least=self._least)
 
     def draft(self, advance: Advance = lambda count: None) -> NDArray[np.float32]:
         """Direct light of all lamps by `DRAFT_RAYS` in half-shadows, which no plan has chosen, (V, 3) float32."""

@@ -14,10 +14,10 @@ from splat2mesh.base.kernels import kernel
 from splat2mesh.scene.color import luminance
 
 from ..lamps.emitters import Emitters
-from ..lamps.unoccluded import unoccluded
+from ..lamps.unoccluded import tube_rule, unoccluded
 from ..splats.attachment import Surface
 from ..transfer.occluder import Frame
-from .lamp_lobes import brightest, sees, tube_rule
+from .lamp_lobes import brightest, sees, target_of
 
 
 class Facing(NamedTuple):
@@ -46,7 +46,7 @@ def facing(
         found = np.zeros(len(points))
         _facing(emitters, number, unit, *tube_rule(), found)
         lit = np.flatnonzero(found)
-        found[lit] *= sees(emitters, number, frame, scene_from_splat, points[lit], normals[lit], surface)
+        found[lit] *= sees(target_of(emitters, number, frame, scene_from_splat), points[lit], normals[lit], surface)
         found *= float(luminance(emitters.color[number].astype(np.float64)))
         total += found
         shares[row] = found.sum()

@@ -15,7 +15,7 @@ from splat2mesh.base.kernels import kernel
 from splat2mesh.scene.color import luminance
 
 from ..lamps.emitters import Emitters
-from ..lamps.unoccluded import TUBE_NODES, unoccluded
+from ..lamps.unoccluded import tube_rule, unoccluded
 from ..splats.attachment import Surface
 from ..transfer.occluder import Frame
 from .mirrored import MirroredPixels
@@ -45,7 +45,8 @@ def lamp_lobes(
         lit = np.flatnonzero(found)
         if not len(lit):
             continue
-        seen = sees(emitters, number, frame, scene_from_splat, pixels.points[lit], pixels.normals[lit], surface)
+        target = target_of(emitters, number, frame, scene_from_splat)
+        seen = sees(target, pixels.points[lit], pixels.normals[lit], surface)
         total[lit] += (found[lit] * seen)[:, None] * emitters.color[number].astype(np.float64)
     return total * view.strength
 
@@ -58,28 +59,22 @@ def brightest(emitters: Emitters, points: NDArray[np.float64]) -> NDArray[np.int
     return np.argsort(-power, kind="stable")[:MOST_EMITTERS]
 
 
-def tube_rule() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Nodes and weights across a tube, from 0 to 1, as `unoccluded` takes them."""
-    nodes, weights = np.polynomial.legendre.leggauss(TUBE_NODES)
-    return (nodes + 1.0) / 2.0, weights / 2.0
+def target_of(
+    emitters: Emitters, number: int, frame: Frame, scene_from_splat: Matrix4
+) -> tuple[NDArray[np.float64], float]:
+    """The middle (3,) of an emitter and its reach, in the frame of the splat. frame: that the emitters are in, of the
+    frame of the scene."""
+    middle = frame.center + frame.diagonal * emitters.middle[number].astype(np.float64)
+    aim = (np.append(middle, 1.0) @ np.linalg.inv(scene_from_splat).T)[:3]
+    return aim, float(emitters.reach[number]) * frame.diagonal / float(np.cbrt(np.linalg.det(scene_from_splat[:3, :3])))
 
 
 def sees(
-    emitters: Emitters,
-    number: int,
-    frame: Frame,
-    scene_from_splat: Matrix4,
-    points: Points,
-    normals: Directions,
-    surface: Surface,
+    target: tuple[NDArray[np.float64], float], points: Points, normals: Directions, surface: Surface
 ) -> NDArray[np.bool_]:
-    """(Q,) bool: whether nothing hides the middle of an emitter, or what stands within its reach of it, from points.
-
-    frame: that the emitters are in, of the frame of the scene. points, normals: (Q, 3), frame of the splat.
-    """
-    middle = frame.center + frame.diagonal * emitters.middle[number].astype(np.float64)
-    aim = (np.append(middle, 1.0) @ np.linalg.inv(scene_from_splat).T)[:3]
-    reach = float(emitters.reach[number]) * frame.diagonal / float(np.cbrt(np.linalg.det(scene_from_splat[:3, :3])))
+    """(Q,) bool: whether nothing hides an emitter, as of `target_of`, or what stands within its reach of it, from
+    points (Q, 3) with normals (Q, 3), frame of the splat."""
+    aim, reach = target
     start = points + LIFT * surface.diagonal * normals
     way = aim - start
     length = np.linalg.norm(way, axis=1, keepdims=True)

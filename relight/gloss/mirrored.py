@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Floats, Matrix3
+from splat2mesh.render.raycaster import corner_weights
 from splat2mesh.render.screentiles import AREA
 
 from ..sh import harmonics
@@ -64,9 +65,8 @@ class MirroredPixels(NamedTuple):
             directions, weight = lobe_direction(alpha, pixels.normals, pixels.toward, ray, RAYS, shift)
             hits = pixels.hits(surface, directions)
             open_sky = ~np.isfinite(hits.distance)
-            second, third = hits.uv.T
             corners[:, ray] = surface.faces[np.where(open_sky, 0, hits.faces)]
-            shares = np.stack([1.0 - second - third, second, third], axis=1)
+            shares = corner_weights(hits.uv)
             weights[:, ray] = np.where(open_sky, 0.0, weight)[:, None] * np.where(open_sky[:, None], 0.0, shares)
             visible += weight * open_sky
             total += weight

@@ -4,10 +4,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Indices, Matrix3, Radiance
+from splat2mesh.base.sphere import fibonacci_sphere
 from splat2mesh.base.threads import in_batches
+from splat2mesh.render.raycaster import corner_weights
 
 from ..sh import harmonics
 from ..splats.attachment import Surface
+from ..transfer.occluder import BATCH_RAYS
 from .pixels import LIFT
 
 BANDS = 2
@@ -21,8 +24,6 @@ RIDGE = 0.02
 """Of the directions above a surface, on all coefficients but the constant one: half a sphere separates them badly.
 Without occlusion the fit stays exact."""
 
-_BATCH = 1 << 12
-
 
 def openness(
     surface: Surface, nodes: Indices, colors: Radiance, scene: Matrix3
@@ -33,10 +34,7 @@ def openness(
     into the scene's. Returns (N, 4) SH coefficients of visibility, frame of the scene, valid only above the surface,
     and (N, 3), the mean colour of the occluders, 0 without any.
     """
-    number = np.arange(DIRECTIONS) + 0.5
-    height, turn = 1.0 - 2.0 * number / DIRECTIONS, np.pi * (3.0 - np.sqrt(5.0)) * number  # a Fibonacci sphere
-    flat = np.sqrt(1.0 - height**2)
-    toward = np.stack([flat * np.cos(turn), flat * np.sin(turn), height], axis=1)
+    toward = fibonacci_sphere(DIRECTIONS)
     basis = harmonics.evaluate(toward @ scene.T, BANDS)
     hold = np.diag([0.0] + [RIDGE] * (BANDS**2 - 1))
     visible, hidden = np.zeros((len(nodes), BANDS**2), np.float32), np.zeros((len(nodes), 3), np.float32)
@@ -55,11 +53,9 @@ def openness(
         # A coefficient of a function that is 1 everywhere is sqrt(4 pi) in the constant one: then all others stay 0.
         moments = seen @ basis
         visible[rows] = np.linalg.solve(square + count[:, None, None] * hold, moments[:, :, None])[:, :, 0]
-        second, third = hits.uv[met].T
-        shares = np.stack([1.0 - second - third, second, third], axis=1)
-        sent = np.einsum("nk,nkc->nc", shares, colors[surface.faces[hits.faces[met]]])
+        sent = np.einsum("nk,nkc->nc", corner_weights(hits.uv[met]), colors[surface.faces[hits.faces[met]]])
         total = np.stack([np.bincount(place[met], column, len(points)) for column in sent.T], axis=1)
         hidden[rows] = total / np.maximum(np.bincount(place[met], minlength=len(points)), 1)[:, None]
 
-    in_batches(see, len(nodes), _BATCH)
+    in_batches(see, len(nodes), BATCH_RAYS // DIRECTIONS)
     return visible, hidden

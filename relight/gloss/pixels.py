@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Directions, Floats, Points
-from splat2mesh.render.raycaster import Hits
+from splat2mesh.render.raycaster import Hits, corner_weights
 
 from ..splats.attachment import Surface
 from ..splats.blending import Blending
@@ -39,8 +39,7 @@ class SurfacePixels(NamedTuple):
     def of_view(cls, looks: Looks, surface: Surface, number: int) -> "SurfacePixels":
         """The pixels of one of the views of Looks at a Surface."""
         one = looks.of_view(number)
-        second, third = one.uv.T
-        weights = np.stack([1.0 - second - third, second, third], axis=1)
+        weights = corner_weights(one.uv)
         points = _mixed(surface.points, one.corners, weights)
         normals = _unit(_mixed(surface.normals, one.corners, weights))
         toward = _unit(one.eyes[0] - points)

@@ -4,6 +4,8 @@ The change at a vertex is the light from the object minus the light that came al
 other surfaces, suns and lamps. So a vertex that the object does not reach keeps its light to the bit.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,14 +13,14 @@ from splat2mesh.base.arrays import Indices, Mask
 from splat2mesh.base.kernels import kernel
 from splat2mesh.base.progress import Advance
 from splat2mesh.base.threads import in_slices
-from splat2mesh.render.raycaster import Hits
+from splat2mesh.render.raycaster import Hits, corner_weights
 
 from ..lamps.tracing import lamplight
 from ..transfer.occluder import BATCH_RAYS
-from ..transfer.sampling import fibonacci_azimuths, hashed_offsets, shoot
+from ..transfer.sampling import fibonacci_azimuths, hashed_offsets, shoot, tangents, turned
 from ..transfer.sunlight import sunlight
 from .standing import Standing
-from .surroundings import LAMP_RAYS, Receiving, Surroundings, Together, weights_of
+from .surroundings import LAMP_RAYS, Receiving, Surroundings, Together
 
 OBJECT_RAYS = 256
 """Rays from each vertex of an object, in all directions."""
@@ -64,7 +66,7 @@ def light_on(
         hit = hit[front]
         rows.append((start + hit // OBJECT_RAYS).astype(np.int32))
         faces.append(own.faces[hit])
-        weights.append(weights_of(own.uv[hit]))
+        weights.append(corner_weights(own.uv[hit]))
     places = Receiving(at.origins, at.normals)
     received += _direct(around, Together(around.occluder, places, standing.caster), places)
     return _thrown_on(received, standing, np.concatenate(rows), np.concatenate(faces), np.concatenate(weights))
@@ -86,25 +88,32 @@ def _thrown_on(
     return found.astype(np.float32)
 
 
+class Casting(NamedTuple):
+    """How light is gathered. rays: to each object. seed: of them. least: part of a hemisphere that an object must
+    fill."""
+
+    rays: int
+    seed: int = 0
+    least: float = LEAST_CONE
+
+
 def change_at(
     around: Surroundings,
     standing: Standing,
     sent: NDArray[np.float32],  # (V, 3) radiance of the objects' vertices
-    rays: int,  # to each object
+    how: Casting,
     at: Receiving,  # M places
-    seed: int = 0,
     advance: Advance = lambda count: None,
-    least: float = LEAST_CONE,  # part of a hemisphere that an object must fill
 ) -> NDArray[np.float32]:
     """Return the change of irradiance over pi at M points due to objects, (M, 3) float32: exactly 0 where no ray meets
     an object."""
     change = np.zeros((len(at.origins), 3), np.float32)
     for number, (middle, radius) in enumerate(standing.spheres):
-        reached = np.flatnonzero(in_reach(middle, radius, at, least))
+        reached = np.flatnonzero(in_reach(middle, radius, at, how.least))
         toward = middle - at.origins[reached]
         distance = np.linalg.norm(toward, axis=1)
         near = distance < NEAR * radius
-        for inside, count in ((False, rays), (True, NEAR_RAYS * rays)):
+        for inside, count in ((False, how.rays), (True, NEAR_RAYS * how.rays)):
             place = np.flatnonzero(near if inside else ~near)
             size = max(1, BATCH_RAYS // count)
             for start in range(0, len(place), size):
@@ -114,7 +123,8 @@ def change_at(
                     cosine = np.sqrt(1.0 - (radius / distance[part]) ** 2).astype(np.float32)
                 axis = (toward[part] / np.maximum(distance[part, None], 1e-12)).astype(np.float32)
                 rows = reached[part]
-                change[rows] += _through(around, standing, number, sent, at.of(rows), (axis, cosine), count, seed)
+                cone, as_many = (axis, cosine), how._replace(rays=count)
+                change[rows] += _through(around, _Part(standing, number, sent), at.of(rows), cone, as_many)
                 advance(len(part))
     before = _direct_where(around, standing, at)
     if len(before):
@@ -142,33 +152,38 @@ def in_reach(middle: NDArray[np.float64], radius: float, at: Receiving, least: f
     return np.asarray((radius**2 > least * (toward**2).sum(axis=1)) & (height > -radius))
 
 
+class _Part(NamedTuple):
+    """One of the objects, and what all of them send: radiance (V, 3) of their vertices."""
+
+    standing: Standing
+    number: int
+    sent: NDArray[np.float32]
+
+
 def _through(
     around: Surroundings,
-    standing: Standing,
-    number: int,
-    sent: NDArray[np.float32],
+    part: _Part,
     at: Receiving,
     cone: tuple[NDArray[np.float32], NDArray[np.float32]],
-    count: int,
-    seed: int,
+    how: Casting,
 ) -> NDArray[np.float32]:
     """Change (M, 3) that one object makes at M points, by the rays towards it. cone: its axes and cosines."""
-    size = len(at.origins)
+    size, count, standing = len(at.origins), how.rays, part.standing
     rays, weights = np.zeros((size, count, 6), np.float32), np.zeros((size, count), np.float32)
-    offsets = hashed_offsets(at.origins, at.normals, seed)
+    offsets = hashed_offsets(at.origins, at.normals, how.seed)
     in_slices(_aim, size, at.origins, at.normals, *cone, fibonacci_azimuths(count), offsets, rays, weights)
     live = np.flatnonzero(weights.ravel() > 0.0)
     flat = rays.reshape(-1, 6)[live]
     own = standing.caster.first_hits(flat)
     met = own.faces >= 0
-    met[met] = standing.owner[own.faces[met]] == number
+    met[met] = standing.owner[own.faces[met]] == part.number
     live, flat = live[met], flat[met]
     behind = around.occluder.first_hits(flat)
     first = own.distance[met] < behind.distance
     live, flat = live[first], flat[first]
     before = around.seen(_of(behind, first), flat[:, 3:])
     corners = standing.faces[own.faces[met][first]]
-    after = np.einsum("nk,nkc->nc", weights_of(own.uv[met][first]), sent[corners])
+    after = np.einsum("nk,nkc->nc", corner_weights(own.uv[met][first]), part.sent[corners])
     change = weights.ravel()[live, None] * (after - before)
     return np.stack([np.bincount(live // count, change[:, c], size) for c in range(3)], axis=1).astype(np.float32)
 
@@ -242,14 +257,8 @@ def _aim(
         ax, ay, az = axes[v]
         if lobe:
             ax, ay, az = nx, ny, nz
-        shift, turn = offsets[v, 0], np.float32(2.0 * np.pi) * offsets[v, 1]
-        cos_turn, sin_turn = np.cos(turn), np.sin(turn)
-        # Tangents without a branch: Duff et al., "Building an Orthonormal Basis, Revisited", 2017.
-        sign = np.copysign(one, az)
-        a = -one / (sign + az)
-        b = ax * ay * a
-        tx, ty, tz = one + sign * ax * ax * a, sign * b, -sign * ax
-        bx, by, bz = b, sign + ay * ay * a, -ay
+        shift, (cos_turn, sin_turn) = offsets[v, 0], turned(offsets[v, 1])
+        tx, ty, tz, bx, by, bz, ax, ay, az = tangents(ax, ay, az)
         solid = np.float32(2.0 * np.pi) * (one - cosines[v]) / np.float32(count)
         for i in range(count):
             part = (np.float32(i) + shift) / np.float32(count)

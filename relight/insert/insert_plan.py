@@ -10,7 +10,7 @@ from splat2mesh.base.arrays import Mask
 
 from ..light.environment import Environment
 from ..transfer.occluder import Occluder
-from .gathering import OBJECT_RAYS, change_at, in_reach
+from .gathering import OBJECT_RAYS, Casting, change_at, in_reach
 from .inserts import LEAST_CHANGE, RAYS, SOFTNESS
 from .standing import Standing
 from .surroundings import Receiving, Sky, Surroundings, surroundings_of
@@ -62,9 +62,9 @@ def plan_inserts(standing: Standing, scene: "Scene", around: Surroundings, splat
     rows = np.flatnonzero(reached)
     sample = rows[np.linspace(0, len(rows) - 1, min(SAMPLE, len(rows))).astype(np.int64)] if len(rows) else rows
     sent = standing.albedo + standing.emission
-    change_at(around, standing, sent, RAYS, at.of(sample[:1]))  # compiles
+    change_at(around, standing, sent, Casting(RAYS), at.of(sample[:1]))  # compiles
     start = time.perf_counter()
-    change = change_at(around, standing, sent, RAYS, at.of(sample))
+    change = change_at(around, standing, sent, Casting(RAYS), at.of(sample))
     seconds = time.perf_counter() - start
     # In an even light of 1 each vertex receives at most 1. A vertex that receives less changes more, not less.
     seen = (np.abs(change) > LEAST_CHANGE * (1.0 + SOFTNESS)).any(axis=1).mean() if len(sample) else 0.0

@@ -16,7 +16,7 @@ from splat2mesh.splats.joining import joined
 from ..engine.appearance import CAPTURE, CAPTURE_OF_PLACE
 from ..transfer.occluder import Frame
 from .asked import AskedInsert
-from .gathering import change_at, light_on
+from .gathering import Casting, change_at, light_on
 from .hidden import HiddenLight
 from .objects import InsertedObject, read_object
 from .placing import placed_by
@@ -148,7 +148,7 @@ class Inserts:
                 check(count)
                 advance(count)
 
-            direct = change_at(around, self.standing, radiance, RAYS, at, seed, done)
+            direct = change_at(around, self.standing, radiance, Casting(RAYS, seed), at, done)
             check(0)
         return InsertedLight(self, around, received, light, radiance, direct, self._later(direct))
 
@@ -165,7 +165,8 @@ class Inserts:
         if around.lamps is None and not any(each.suns for each in before.hidden):
             return InsertedLight(self, *kept, none, none, exact, hides=True)
         at, seed = Receiving(around.occluder.origins, around.occluder.normals), self.relighter.seed
-        change = change_at(around, self.standing, before.radiance, GLIMPSE_RAYS, at, seed, least=GLIMPSE_CONE)
+        how = Casting(GLIMPSE_RAYS, seed, GLIMPSE_CONE)
+        change = change_at(around, self.standing, before.radiance, how, at)
         return InsertedLight(self, *kept, change, none, exact)
 
     def _later(self, direct: NDArray[np.float32]) -> NDArray[np.float32]:

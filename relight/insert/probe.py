@@ -14,13 +14,14 @@ from splat2mesh.base.arrays import Integers, Vector
 from splat2mesh.base.errors import DataWarning
 from splat2mesh.base.sphere import texel_directions
 from splat2mesh.render.rasterize import rasterize
+from splat2mesh.render.raycaster import corner_weights
 from splat2mesh.render.view import View
 from splat2mesh.scene.color import linear_from_srgb
 from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.splats import Splats
 
 from ..transfer.occluder import Frame, Occluder
-from .surroundings import Sky, weights_of
+from .surroundings import Sky
 
 HEIGHT = 256
 """Rows of the picture, half its columns: texels of .7 degrees."""
@@ -49,39 +50,44 @@ class LightAround(NamedTuple):
     glow: NDArray[np.float32] | None
 
 
-def probe(
-    splats: Splats,  # in the light, in their own frame
-    scene: Scene,
-    occluder: Occluder,
-    light: LightAround,
-    exposure: float,  # units of the picture per unit of the radiance
-    place: Vector,  # (3,) in the frame of the splats
-    height: int = HEIGHT,
-) -> NDArray[np.float32]:
-    """Return the lat-long picture (height, 2 height, 3) float32 of the light, scene frame, units of the picture."""
-    directions = texel_directions(height, 2 * height).reshape(-1, 3)
-    matrix = np.asarray(scene.scene_from_splat, np.float64)
-    frame = Frame.around(scene.vertices, scene.faces)
-    at = matrix[:3, :3] @ np.asarray(place, np.float64) + matrix[:3, 3]
-    rays = np.empty((len(directions), 6), np.float32)
-    rays[:, :3], rays[:, 3:] = frame.unit(at[None]), directions
-    hits = occluder.first_hits(rays)
-    _check_free(scene, hits.faces, directions, place)
-    shown, alpha = _shown(splats, scene, np.asarray(place, np.float64), directions, FACE * height // HEIGHT)
-    sky = np.zeros_like(shown)
-    for each in light.skies:
-        sky += np.float32(each.factor * exposure) * each.environment.lookup(directions)
-    away = hits.faces < 0
-    found = linear_from_srgb(shown).astype(np.float32)
-    clipped = np.clip((shown.max(axis=1) - SURE) / (CLIPPED - SURE), 0.0, 1.0)[:, None]
-    free = found + (1.0 - alpha[:, None]) * sky
-    found[away] = (free + clipped * (np.maximum(sky, free) - free))[away]
-    if light.glow is not None:
-        met = np.flatnonzero(~away)
-        corners = occluder.faces[hits.faces[met]]
-        glow = np.einsum("nk,nkc->nc", weights_of(hits.uv[met]), light.glow[corners]) * np.float32(exposure)
-        found[met] = np.maximum(found[met], glow)
-    return found.reshape(height, 2 * height, 3)
+class ProbedScene(NamedTuple):
+    """Splats of a scene in a light, where probes stand. splats: in their own frame. exposure: units of the picture per
+    unit of the radiance."""
+
+    splats: Splats
+    scene: Scene
+    occluder: Occluder
+    light: LightAround
+    exposure: float
+
+    def picture(self, place: Vector, height: int = HEIGHT) -> NDArray[np.float32]:
+        """Return the lat-long picture (height, 2 height, 3) float32 of the light at a place (3,) in the frame of the
+        splats: scene frame, units of the picture."""
+        directions = texel_directions(height, 2 * height).reshape(-1, 3)
+        scene, occluder, light, exposure = self.scene, self.occluder, self.light, self.exposure
+        matrix = np.asarray(scene.scene_from_splat, np.float64)
+        frame = Frame.around(scene.vertices, scene.faces)
+        at = matrix[:3, :3] @ np.asarray(place, np.float64) + matrix[:3, 3]
+        rays = np.empty((len(directions), 6), np.float32)
+        rays[:, :3], rays[:, 3:] = frame.unit(at[None]), directions
+        hits = occluder.first_hits(rays)
+        _check_free(scene, hits.faces, directions, place)
+        face = FACE * height // HEIGHT
+        shown, alpha = _shown(self.splats, scene, np.asarray(place, np.float64), directions, face)
+        sky = np.zeros_like(shown)
+        for each in light.skies:
+            sky += np.float32(each.factor * exposure) * each.environment.lookup(directions)
+        away = hits.faces < 0
+        found = linear_from_srgb(shown).astype(np.float32)
+        clipped = np.clip((shown.max(axis=1) - SURE) / (CLIPPED - SURE), 0.0, 1.0)[:, None]
+        free = found + (1.0 - alpha[:, None]) * sky
+        found[away] = (free + clipped * (np.maximum(sky, free) - free))[away]
+        if light.glow is not None:
+            met = np.flatnonzero(~away)
+            corners = occluder.faces[hits.faces[met]]
+            glow = np.einsum("nk,nkc->nc", corner_weights(hits.uv[met]), light.glow[corners]) * np.float32(exposure)
+            found[met] = np.maximum(found[met], glow)
+        return found.reshape(height, 2 * height, 3)
 
 
 def _check_free(scene: Scene, faces: Integers, directions: NDArray, place: Vector) -> None:

@@ -20,7 +20,7 @@ from ..albedo.seen import standing as eyes_of
 from ..splats import Binding
 from ..splats.floor_mirror import FloorMirror
 from ..splats.light_ratio import Usual
-from .gathering import change_at
+from .gathering import Casting, change_at
 from .inserts import InsertedLight
 from .refine import carried, refined, unit
 from .surroundings import Receiving
@@ -92,7 +92,8 @@ class ShadowedSplats:
         received, later, change = (carried(each, rounds) for each in (light.received, light.later, light.direct))
         rows = np.flatnonzero(carried(_changed(light).astype(np.float32), rounds) > 0.0)
         at = Receiving(self._origins[rows], self._normals[rows])
-        change[rows] = change_at(light.around, light.standing, light.radiance, RAYS, at, light.inserts.relighter.seed)
+        how = Casting(RAYS, light.inserts.relighter.seed)
+        change[rows] = change_at(light.around, light.standing, light.radiance, how, at)
         return light.compared(received, change + later)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Directions, Indices, Mask, Radiance, Rays
-from splat2mesh.render.raycaster import Hits, RayCaster
+from splat2mesh.render.raycaster import Hits, RayCaster, corner_weights
 from splat2mesh.scene.scene import Scene
 
 from ..lamps.emitters import Emitters, emitters_of
@@ -16,10 +16,8 @@ from ..lamps.shapes import Lamp, MeshLamp
 from ..light.environment import Environment
 from ..light.sun_split import split
 from ..light.suns import Suns
+from ..transfer import DEFAULT_BANDS
 from ..transfer.occluder import Frame, Occluder
-
-BANDS = 8
-"""Bands of the harmonics from which suns are split off: as in the estimate of the captured light."""
 
 LAMP_RAYS = 32
 """Rays to each lamp in half-shadows."""
@@ -56,7 +54,7 @@ class Surroundings:
         found[away] = self.sky(directions[away])
         met = ~away
         corners = self.occluder.faces[hits.faces[met]]
-        weights = weights_of(hits.uv[met])
+        weights = corner_weights(hits.uv[met])
         sent = np.einsum("nk,nkc->nc", weights, self.radiance[corners])
         front = np.einsum("nc,nc->n", self.occluder.normals[corners].sum(axis=1), directions[met]) < 0.0
         found[met] = sent * front[:, None]
@@ -127,7 +125,7 @@ def surroundings_of(
     for sky in skies:
         if sky.factor <= 0.0 or not sky.environment.radiance.any():
             continue
-        rest, suns = split(sky.environment, BANDS)
+        rest, suns = split(sky.environment, DEFAULT_BANDS)
         rests.append(Sky(rest, sky.factor))
         directions.append(suns.directions)
         weights.append(sky.factor * suns.weights)
@@ -141,11 +139,6 @@ def surroundings_of(
     frame = Frame.around(scene.vertices, scene.faces)
     emitters = emitters_of(lamps, frame.center, frame.diagonal) if lamps else None
     return Surroundings(occluder, sent, rests, Suns(np.concatenate(directions), np.concatenate(weights)), emitters)
-
-
-def weights_of(uv: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Weights (N, 3) of the corners of faces at uv (N, 2)."""
-    return np.concatenate([1.0 - uv.sum(axis=1, keepdims=True), uv], axis=1)
 
 
 def _lamp_of(scene: Scene, glow: NDArray[np.float32], glowing: Mask) -> Lamp | None:

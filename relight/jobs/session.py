@@ -19,7 +19,7 @@ from ..insert.polished import floor_under
 from ..lamps.asked import AskedLamp
 from ..lamps.color import WHITE
 from ..lamps.shapes import SphereLamp
-from ..output.inserted_picture import with_objects
+from ..output.inserted_picture import PictureAsked, with_objects
 from ..request import RelightRequest
 from ..splats.sky import far_splats
 from ..transfer.occluder import Frame
@@ -185,7 +185,7 @@ def _object_source(job: Job) -> ObjectSource:
         glimpse=lambda asked, before: inserts.moved(asked).glimpse(before),
         floor=floor,
         drawn=lambda splats, light, exposure, view, samples: with_objects(
-            splats, light, exposure, view, job.known.scene, samples, floor(light, exposure)
+            splats, light, PictureAsked(job.known.scene, view, exposure, samples), floor(light, exposure)
         ),
         scene_from_splat=np.asarray(job.known.scene.scene_from_splat, np.float64),
     )

@@ -8,7 +8,7 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal, TypeAlias, get_args
+from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
@@ -16,23 +16,21 @@ from splat2mesh.base.arrays import Triple
 from splat2mesh.base.errors import InputError
 from splat2mesh.scene.color import luminance
 
+from ..light import MOST_RADIANCE
 from .color import WHITE
 from .photometry import axis_intensity, flux, times
 from .shapes import (
-    MOST_LIGHT,
     Lamp,
-    MeshLamp,
     SphereLamp,
     TubeLamp,
     checked_light,
     checked_size,
-    checked_vector,
 )
 
 Unit: TypeAlias = Literal["picture", "EV", "lumen", "candela"]
 
 LARGEST_EV = 40.0
-"""2^40 is MOST_LIGHT."""
+"""2^40 is MOST_RADIANCE."""
 
 LONGEST_NAME = 80
 
@@ -57,7 +55,7 @@ class Brightness:
     def __post_init__(self) -> None:
         if self.unit not in get_args(Unit):
             raise InputError(f"`brightness` in {self.unit}: expected one of {', '.join(get_args(Unit))}")
-        most = LARGEST_EV if self.unit == "EV" else MOST_LIGHT
+        most = LARGEST_EV if self.unit == "EV" else MOST_RADIANCE
         least = -LARGEST_EV if self.unit == "EV" else 0.0
         value = checked_size("brightness", self.value, least=least)
         if value > most:
@@ -175,16 +173,6 @@ def in_words(lamp: Lamp, scale: LampScale, place: str = "room") -> str:
     if scale.candela is not None:
         text += f", {_two_digits(float(luminance(flux(lamp))) / (scale.candela * scale.metre * scale.metre))} lm"
     return text
-
-
-def moved(shape: Lamp, offset: Triple) -> Lamp:
-    """A lamp moved by `offset`, in its own unit of length."""
-    by = np.asarray(checked_vector("at", offset))
-    if isinstance(shape, MeshLamp):
-        return replace(shape, vertices=shape.vertices + by)
-    names = [name for name in ("position", "target", "center", "start", "end") if hasattr(shape, name)]
-    changed: Any = {name: tuple((np.asarray(getattr(shape, name)) + by).tolist()) for name in names}
-    return replace(shape, **changed)
 
 
 def _two_digits(value: float) -> str:

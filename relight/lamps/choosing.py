@@ -29,16 +29,10 @@ class Chosen(NamedTuple):
     weights: NDArray[np.float32]
 
 
-def chosen_at(
-    origins: NDArray[np.float32],
-    normals: NDArray[np.float32],
-    leaf: NDArray[np.float32],
-    offsets: NDArray[np.float32],
-    emitters: Emitters,
-    least: float,
-    chance: int,
-) -> Chosen:
-    """Return the emitters that vertices take: all where there are few; else the brightest, and `chance` others."""
+def chosen_at(places: tuple[NDArray[np.float32], ...], emitters: Emitters, least: float, chance: int) -> Chosen:
+    """Return the emitters that vertices take, of whose places as of `tracing.Lit`: all where there are few; else the
+    brightest, and `chance` others."""
+    origins, _, _, offsets = places
     count = len(emitters.kind)
     if count <= ALONE + chance:
         every = np.broadcast_to(np.arange(count, dtype=np.int32), (len(origins), count))

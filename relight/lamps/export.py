@@ -14,7 +14,7 @@ from splat2mesh.base.arrays import Triple
 
 from .color import WHITE, luminance
 from .gltf_lights import PUNCTUAL
-from .photometry import axis_intensity, flux
+from .photometry import area_normals, axis_intensity, flux
 from .shapes import Lamp, MeshLamp, ProfileLamp, RectangleLamp, SphereLamp, SpotLamp, TubeLamp
 from .usd_lights import POINT_RADIUS, library
 
@@ -155,7 +155,7 @@ def _define(pxr: Any, stage: Any, path: str, lamp: Lamp) -> None:
             _place(pxr, light, lamp.position, frame)
             _shine(pxr, light, axis_intensity(lamp) / (math.pi * radius**2))
         case RectangleLamp():
-            _rectangle(pxr, stage, path, lamp.center, lamp.edge_u, lamp.edge_v, lamp.radiance)
+            _rectangle(pxr, stage, path, lamp)
             if lamp.two_sided:
                 # Within the first one's frame, turned about its y axis.
                 back = pxr.UsdLux.RectLight.Define(stage, f"{path}/Back")
@@ -177,18 +177,16 @@ def _define(pxr: Any, stage: Any, path: str, lamp: Lamp) -> None:
             _mesh(pxr, stage, path, lamp)
 
 
-def _rectangle(
-    pxr: Any, stage: Any, path: str, center: Triple, edge_u: Triple, edge_v: Triple, radiance: Triple
-) -> None:
+def _rectangle(pxr: Any, stage: Any, path: str, lamp: RectangleLamp) -> None:
     light = pxr.UsdLux.RectLight.Define(stage, path)
-    u, v = np.array(edge_u), np.array(edge_v)
+    u, v = np.array(lamp.edge_u), np.array(lamp.edge_v)
     height, width = float(np.linalg.norm(u)), float(np.linalg.norm(v))
     light.CreateWidthAttr(width)
     light.CreateHeightAttr(height)
     normal = np.cross(u, v)
     # x along v and y along u, at right angles or not; it shines along -z.
-    _place(pxr, light, center, np.stack([v / width, u / height, -normal / np.linalg.norm(normal)], axis=1))
-    _shine(pxr, light, np.array(radiance))
+    _place(pxr, light, lamp.center, np.stack([v / width, u / height, -normal / np.linalg.norm(normal)], axis=1))
+    _shine(pxr, light, np.array(lamp.radiance))
 
 
 def _mesh(pxr: Any, stage: Any, path: str, lamp: MeshLamp) -> None:
@@ -250,10 +248,9 @@ def _rotation(ahead: NDArray) -> NDArray[np.float64]:
 
 def _faces(lamp: MeshLamp) -> tuple[NDArray, NDArray, NDArray]:
     """Normals as long as the areas (M, 3), middles (M, 3), and luminance x area (M,) of the faces."""
-    corners = lamp.vertices[lamp.faces]
-    normals = 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = area_normals(lamp)
     shine = np.broadcast_to(lamp.radiance, (len(normals), 3)) @ [0.2126, 0.7152, 0.0722]
-    return normals, corners.mean(axis=1), np.linalg.norm(normals, axis=1) * shine
+    return normals, lamp.vertices[lamp.faces].mean(axis=1), np.linalg.norm(normals, axis=1) * shine
 
 
 def _vector(values: NDArray) -> Triple:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.inputs import file_size
 
-from .shapes import MOST_LIGHT
+from ..light import MOST_RADIANCE
 
 LARGEST_IES = 16 << 20
 """Bytes: half a degree all round takes about 2 MB."""
@@ -73,7 +73,7 @@ def _parsed(text: str) -> Profile:
     candela = (
         numbers[around:].reshape(horizontals, verticals).T * multiplier * ballast * (1.0 if since_1995 else second)
     )
-    if candela.min() < 0.0 or not candela.max() <= MOST_LIGHT:
+    if candela.min() < 0.0 or not candela.max() <= MOST_RADIANCE:
         raise ValueError(f"its candela go from {candela.min():g} to {candela.max():g}")
     if candela.max() == 0.0:
         raise ValueError("it gives no light")

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from splat2mesh.base.arrays import Triple
 from splat2mesh.base.errors import InputError
 
-from .shapes import Lamp, MeshLamp, ProfileLamp, RectangleLamp, SphereLamp, SpotLamp, TubeLamp
+from .shapes import Lamp, MeshLamp, ProfileLamp, RectangleLamp, SphereLamp, SpotLamp, TubeLamp, checked_vector
 
 STRETCH = 1e-3
 """Relative difference of the lengths of axes from which a motion is no turn with a scale."""
@@ -51,6 +51,13 @@ def moved(lamp: Lamp, matrix: ArrayLike) -> Lamp:
     vertices: NDArray[np.float64] = lamp.vertices @ motion[:3, :3].T + motion[:3, 3]
     flipped = math.copysign(1.0, float(np.linalg.det(motion[:3, :3]))) < 0.0
     return replace(lamp, vertices=vertices, faces=lamp.faces[:, ::-1] if flipped else lamp.faces)
+
+
+def shifted(lamp: Lamp, by: Triple) -> Lamp:
+    """Return a lamp moved by a vector, in its own unit of length. Raises InputError for one that is not finite."""
+    motion = np.eye(4)
+    motion[:3, 3] = checked_vector("at", by)
+    return moved(lamp, motion)
 
 
 def _vector(values: NDArray[np.float64]) -> Triple:

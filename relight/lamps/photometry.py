@@ -58,7 +58,7 @@ def flux(lamp: Lamp) -> NDArray[np.float64]:
         case TubeLamp():
             return np.pi * 2.0 * np.pi * lamp.radius * _length(lamp) * np.asarray(lamp.radiance)
         case MeshLamp():
-            areas = np.linalg.norm(_normals(lamp), axis=1)
+            areas = np.linalg.norm(area_normals(lamp), axis=1)
             return np.pi * (1 + lamp.two_sided) * (areas[:, None] * lamp.radiance).sum(axis=0)
 
 
@@ -92,7 +92,7 @@ def _around(lamp: ProfileLamp) -> NDArray[np.float64]:
 
 def _brightest(lamp: MeshLamp) -> NDArray[np.float64]:
     """The intensity in the sampled direction with the highest luminance."""
-    normals, radiance = _normals(lamp), np.broadcast_to(lamp.radiance, (len(lamp.faces), 3))
+    normals, radiance = area_normals(lamp), np.broadcast_to(lamp.radiance, (len(lamp.faces), 3))
     mean = luminance(radiance) @ normals
     length = float(np.linalg.norm(mean))
     # A flat mesh has its brightest direction exactly there.
@@ -105,7 +105,7 @@ def _brightest(lamp: MeshLamp) -> NDArray[np.float64]:
     return found[np.argmax(luminance(found))]
 
 
-def _normals(lamp: MeshLamp) -> NDArray[np.float64]:
+def area_normals(lamp: MeshLamp) -> NDArray[np.float64]:
     """Normals of the faces (M, 3), as long as their areas."""
     corners = lamp.vertices[lamp.faces]
     return 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from splat2mesh.base.arrays import Triple
 from splat2mesh.base.errors import InputError
 
-MOST_LIGHT = 1e12
-"""Largest radiance or intensity: far beyond any lamp, and its square still fits in float32."""
+from ..light import MOST_RADIANCE
 
 
 @dataclass(frozen=True)
@@ -147,8 +146,8 @@ class MeshLamp:
             raise InputError("`faces`: they name vertices that do not exist")
         if radiance.shape not in ((3,), (len(faces), 3)):
             raise InputError("`radiance`: expected one colour, or one for each face")
-        if not (np.isfinite(radiance).all() and (radiance >= 0).all() and radiance.max() <= MOST_LIGHT):
-            raise InputError(f"`radiance`: expected numbers from 0 to {MOST_LIGHT:g}")
+        if not (np.isfinite(radiance).all() and (radiance >= 0).all() and radiance.max() <= MOST_RADIANCE):
+            raise InputError(f"`radiance`: expected numbers from 0 to {MOST_RADIANCE:g}")
         for name, value in (("vertices", vertices), ("faces", faces), ("radiance", radiance)):
             _keep(self, name, value)
 
@@ -204,10 +203,10 @@ def checked_vector(name: str, value: Sequence[float] | None) -> Triple:
 
 
 def checked_light(name: str, value: Sequence[float] | None) -> Triple:
-    """Linear RGB from 0 to MOST_LIGHT. Raises InputError that names the field."""
+    """Linear RGB from 0 to MOST_RADIANCE. Raises InputError that names the field."""
     red, green, blue = checked_vector(name, value)
-    if not all(0.0 <= each <= MOST_LIGHT for each in (red, green, blue)):
-        raise InputError(f"`{name}`: expected numbers from 0 to {MOST_LIGHT:g}, found {value}")
+    if not all(0.0 <= each <= MOST_RADIANCE for each in (red, green, blue)):
+        raise InputError(f"`{name}`: expected numbers from 0 to {MOST_RADIANCE:g}, found {value}")
     return red, green, blue
 
 

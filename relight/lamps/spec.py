@@ -20,9 +20,10 @@ from splat2mesh.base.errors import InputError
 from splat2mesh.base.inputs import quiet_numbers
 from splat2mesh.base.specs import clip, parse_spec, plain
 
-from .asked import AskedLamp, moved
+from .asked import AskedLamp
 from .fields import FIELDS, asked_lamp, changed, meant, vector
 from .files import LAMP_SUFFIXES, read_lamps
+from .moving import shifted
 
 OF_FILES = ("at", "color", "brightness", "name")
 """Words after a file: where its origin goes, and what its lamps have instead of their own."""
@@ -73,5 +74,5 @@ def _of_file(path: str, given: dict[str, Any]) -> list[AskedLamp]:
     lamps = [changed(asked, given) for asked in read_lamps(path)]
     if "at" in given:
         by = vector("at", given["at"])
-        lamps = [replace(asked, shape=moved(asked.shape, by)) for asked in lamps]
+        lamps = [replace(asked, shape=shifted(asked.shape, by)) for asked in lamps]
     return lamps

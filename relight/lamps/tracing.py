@@ -17,11 +17,11 @@ from splat2mesh.base.kernels import kernel
 from splat2mesh.base.threads import in_slices
 
 from ..transfer.neighbors import along_curve
-from ..transfer.occluder import Occluder
+from ..transfer.occluder import BATCH_RAYS, Occluder
 from ..transfer.sampling import hashed_offsets
 from .choosing import ALONE, Chosen, chosen_at
 from .emitters import Emitters
-from .unoccluded import BALL, TUBE_NODES, aimed, directed, unoccluded
+from .unoccluded import BALL, aimed, directed, tube_rule, unoccluded
 
 PILOT_RAYS, PILOT_PART = 4, 4
 """Rays that go first to an emitter of some size: a quarter of all, but at least so many. What they miss of a
@@ -30,13 +30,11 @@ half-shadow is the larger part of the error: with 4 of 128 it stays at 3%, where
 POINT_ANGLE = 2e-3
 """Radius over distance up to which a ball is a point, for which one ray is enough."""
 
-
 CHANCE_PART = 6
 """Emitters that it takes for all the others, per ray in half-shadows; one ray to each. Among 500 bulbs that are as
 bright as each other, the worst case, the error is .03 with 32 rays; with 2 instead of 6 it is .07."""
 
-
-BATCH_VERTICES, BATCH_PAIRS = 2**14, 2**20
+BATCH_VERTICES = 2**14
 
 REACHED = 0.9999
 """Part of the path to an emitter that must be free, since emitters are often part of the mesh."""
@@ -55,14 +53,26 @@ def lamplight(
     emitters: Emitters,  # in its unit frame
     rays: int = 16,  # per vertex and emitter in half-shadows; elsewhere a few
     *,
-    at: LitVertices = LitVertices(),  # noqa: B008
+    at: "LitVertices | Ordered" = LitVertices(),  # noqa: B008
     least: float = 0.0,  # luminance below which the light of one emitter at one vertex is left out
     seed: int = 0,  # of the rays and of the choice among many emitters
     advance: Callable[[int], None] = lambda count: None,  # called with the number of vertices done
     every: bool = False,  # whether each vertex takes all emitters, however many: what a choice is judged by
 ) -> NDArray[np.float32]:
     """Return the exit radiance of white vertices in the light of emitters alone, (V, 3) float32."""
-    return lamplight_at(occluder, ordered(occluder, *at, seed), emitters, rays, least, advance, every)
+    vertices = at if isinstance(at, Ordered) else ordered(occluder, *at, seed)
+    found = np.zeros((len(vertices.order), 3), np.float32)
+    count = len(emitters.kind)
+    batch = max(1, min(BATCH_VERTICES, BATCH_RAYS // count)) if every and count else BATCH_VERTICES
+    for start in range(0, len(found) if count else 0, batch):
+        part = slice(start, start + batch)
+        lit = Lit(occluder, emitters, tuple(each[part] for each in vertices[1:]))
+        chosen = chosen_at(lit.places, emitters, least, count if every else CHANCE_PART * rays)
+        _add(lit, chosen, rays, least, found[part])
+        advance(len(found[part]))
+    radiance = np.empty_like(found)
+    radiance[vertices.order] = found
+    return radiance
 
 
 class Ordered(NamedTuple):
@@ -90,89 +100,54 @@ def ordered(
     return Ordered(order, origins, normals, share, hashed_offsets(origins, normals, seed))
 
 
-def lamplight_at(
-    occluder: Occluder,
-    vertices: Ordered,
-    emitters: Emitters,
-    rays: int,
-    least: float = 0.0,
-    advance: Callable[[int], None] = lambda count: None,
-    every: bool = False,
-) -> NDArray[np.float32]:
-    """Return what `lamplight` does, (N, 3) float32, at vertices that are in order already."""
-    order, origins, normals, share, offsets = vertices
-    found = np.zeros((len(origins), 3), np.float32)
-    count = len(emitters.kind)
-    batch = max(1, min(BATCH_VERTICES, BATCH_PAIRS // count)) if every and count else BATCH_VERTICES
-    for start in range(0, len(origins) if count else 0, batch):
-        part = slice(start, start + batch)
-        at = (origins[part], normals[part], share[part], offsets[part])
-        chosen = chosen_at(*at, emitters, least, count if every else CHANCE_PART * rays)
-        _add(occluder, emitters, chosen, rays, least, at, found[part])
-        advance(len(at[0]))
-    radiance = np.empty_like(found)
-    radiance[order] = found
-    return radiance
+class Lit(NamedTuple):
+    """Vertices, emitters and what may stand between. places: origins, normals, leaf and offsets as of Ordered."""
+
+    occluder: Occluder
+    emitters: Emitters
+    places: tuple[NDArray[np.float32], ...]
 
 
-def _add(
-    occluder: Occluder,
-    emitters: Emitters,
-    chosen: Chosen,
-    rays: int,
-    least: float,
-    at: tuple[NDArray[np.float32], ...],
-    found: NDArray[np.float32],
-) -> None:
+def _add(lit: Lit, chosen: Chosen, rays: int, least: float, found: NDArray[np.float32]) -> None:
     """Add the light of the chosen emitters at some vertices into `found`."""
-    origins, normals, leaf, offsets = at
-    nodes, node_weights = np.polynomial.legendre.leggauss(TUBE_NODES)
-    nodes, node_weights = (nodes + 1.0) / 2.0, node_weights / 2.0
+    emitters, (origins, normals, leaf, _) = lit.emitters, lit.places
     count = len(origins)
     light = np.zeros(chosen.emitters.shape, np.float32)
-    in_slices(_free, count, origins, normals, leaf, emitters, *chosen, np.float32(least), nodes, node_weights, light)
+    in_slices(_free, count, origins, normals, leaf, emitters, *chosen, np.float32(least), *tube_rule(), light)
     row, slot = np.nonzero(light)
     vertex: NDArray[np.int32] = row.astype(np.int32)
     emitter: NDArray[np.int32] = chosen.emitters[row, slot]
     light = light[row, slot]
-    place = (origins, normals, leaf, offsets)
     pilots: NDArray[np.int32] = np.zeros(len(vertex), np.int32)
     most = min(rays, max(PILOT_RAYS, rays // PILOT_PART))
     in_slices(_pilots, len(vertex), origins, emitters, vertex, emitter, most, pilots)
     if len(emitters.kind) > chosen.emitters.shape[1]:  # what was taken by chance is one of many
         pilots[slot >= ALONE] = 1
-    free, mixed = _visible(occluder, emitters, place, vertex, emitter, pilots, 0.5)
+    free, mixed = _visible(lit, vertex, emitter, pilots, 0.5)
     soft = np.flatnonzero(mixed & (rays > pilots) & (pilots > 1))
     if len(soft):
         all_rays: NDArray[np.int32] = np.full(len(soft), rays, np.int32)
-        free[soft] = _visible(occluder, emitters, place, vertex[soft], emitter[soft], all_rays, 0.0)[0]
+        free[soft] = _visible(lit, vertex[soft], emitter[soft], all_rays, 0.0)[0]
     received = (light * free)[:, None] * emitters.color[emitter]
     for channel in range(3):
         found[:, channel] += np.bincount(vertex, received[:, channel], count)
 
 
 def _visible(
-    occluder: Occluder,
-    emitters: Emitters,
-    place: tuple[NDArray[np.float32], ...],
-    vertex: NDArray[np.int32],
-    emitter: NDArray[np.int32],
-    counts: NDArray[np.int32],
-    shift: float,
+    lit: Lit, vertex: NDArray[np.int32], emitter: NDArray[np.int32], counts: NDArray[np.int32], shift: float
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     """The visible part of the light of each pair, (P,) float32, and whether its rays disagree, (P,) bool."""
     free, mixed = np.zeros(len(vertex), np.float32), np.zeros(len(vertex), bool)
     ends = np.append(0, np.cumsum(counts, dtype=np.int64))
-    batch = 2**20
     start = 0
     while start < len(vertex):
-        stop = max(start + 1, int(np.searchsorted(ends, ends[start] + batch, side="right")) - 1)
+        stop = max(start + 1, int(np.searchsorted(ends, ends[start] + BATCH_RAYS, side="right")) - 1)
         part = slice(start, stop)
         shots = np.zeros((int(ends[stop] - ends[start]), 6), np.float32)
         weights = np.zeros(len(shots), np.float32)
         pairs = (vertex[part], emitter[part], ends[start : stop + 1] - ends[start])
-        in_slices(_aim, stop - start, *place, emitters, *pairs, np.float32(shift), shots, weights)
-        hidden = occluder.occluded(shots, REACHED)
+        in_slices(_aim, stop - start, *lit.places, lit.emitters, *pairs, np.float32(shift), shots, weights)
+        hidden = lit.occluder.occluded(shots, REACHED)
         in_slices(_weigh, stop - start, pairs[2], weights, hidden, free[part], mixed[part])
         start = stop
     return free, mixed

@@ -29,6 +29,12 @@ STAND_OFF = MAX_OFFSET
 lamp is mounted on does not hide it."""
 
 
+def tube_rule() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Nodes and weights across a tube, from 0 to 1, as `unoccluded` takes them."""
+    nodes, weights = np.polynomial.legendre.leggauss(TUBE_NODES)
+    return (nodes + 1.0) / 2.0, weights / 2.0
+
+
 @kernel
 def ball(cosine: float, square: float, radius_square: float) -> float:
     """A ball at a squared distance, whose centre is seen at an angle of this cosine to the normal."""

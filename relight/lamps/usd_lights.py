@@ -7,6 +7,7 @@ import math
 import os
 from collections import Counter
 from collections.abc import Callable
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -33,6 +34,9 @@ POINT_RADIUS = 1e-3
 
 DISC_SIDES = 32
 """Corners of the polygon for a disc, which has the disc's area."""
+
+MODULES = "Gf", "Sdf", "Tf", "Usd", "UsdGeom", "UsdLux", "UsdShade", "UsdVol", "Vt"
+"""Of usd-core."""
 
 _POINTLESS = "DistantLight", "DomeLight", "DomeLight_1", "PortalLight"
 
@@ -61,18 +65,14 @@ def read_usd_lamps(path: str | os.PathLike[str]) -> list[AskedLamp]:
 
 
 def library() -> Any:
-    """The modules of usd-core that are used. Raises InputError where they lack."""
+    """The package of usd-core, with its MODULES. Raises InputError where it lacks."""
     try:
-        from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdLux, Vt
+        pxr = import_module("pxr")
+        for name in MODULES:
+            import_module(f"pxr.{name}")
     except ImportError:
         raise InputError('USD needs usd-core: pip install "splat2mesh[usd]"') from None
-
-    class LightLibrary:
-        pass
-
-    for module in (Gf, Sdf, Tf, Usd, UsdGeom, UsdLux, Vt):
-        setattr(LightLibrary, module.__name__.rpartition(".")[2], module)
-    return LightLibrary
+    return pxr
 
 
 def _lamps(pxr: Any, stage: Any, path: str) -> list[AskedLamp]:

@@ -12,6 +12,13 @@ CAPTURED_SKIES = ("clear", "hazy", "overcast", "shade", "night")
 ANEW = "auto"
 """Captured light to estimate, whatever was chosen before."""
 
+MOST_RADIANCE = 1e12
+"""Brighter pixels are clipped to it, and lamps refused, or sums and exposures would leave float32. The sun has 2e9
+cd/m^2."""
+
+HEIGHT, WIDTH = 256, 512
+"""Texels of the image of a sky that is computed: 0.7 degrees."""
+
 SUN_TOLERANCE = 0.007
 """Accepted error of the split of suns where nothing is planned, by the estimate of `sun_split.split`, which is for
 walls beside every vertex. True errors of 10 bands and 256 rays were 0.2 to 1.1 of it on two objects, and 0.5 to 1.5 on

@@ -126,9 +126,7 @@ def choose(folder: str | os.PathLike[str], entry: LikelyLight | None) -> Path:
 
     The candidates stay. Raises InputError for a damaged file and an entry whose environment is not in the folder.
     """
-    path = Path(folder) / NAME
-    known = read_lights(path) if path.exists() else CapturedLights()
-    return write_lights(folder, replace(known, chosen=entry))
+    return write_lights(folder, replace(_lights_of(folder), chosen=entry))
 
 
 def offer(folder: str | os.PathLike[str], lights: Sequence[tuple[LikelyLight, "Environment"]]) -> CapturedLights:
@@ -137,10 +135,7 @@ def offer(folder: str | os.PathLike[str], lights: Sequence[tuple[LikelyLight, "E
     The entries get the names of the files written. Environments that nothing refers to any more are removed. Raises
     InputError for a folder that cannot be written.
     """
-    path = Path(folder) / NAME
-    chosen = read_lights(path).chosen if path.exists() else None
-    named = [_with_file(folder, *each) for each in lights]
-    found = CapturedLights(tuple(named), chosen)
+    found = CapturedLights(tuple(_with_file(folder, *each) for each in lights), _lights_of(folder).chosen)
     write_lights(folder, found)
     _remove_others(folder, found)
     return found
@@ -153,13 +148,17 @@ def choose_new(folder: str | os.PathLike[str], entry: LikelyLight, environment: 
     The candidates stay; one chosen before goes. Raises InputError for a damaged file, and for a folder that cannot be
     written.
     """
-    path = Path(folder) / NAME
-    known = read_lights(path) if path.exists() else CapturedLights()
-    found = replace(known, chosen=_with_file(folder, entry, environment))
+    chosen = _with_file(folder, entry, environment)
+    found = replace(_lights_of(folder), chosen=chosen)
     write_lights(folder, found)
     _remove_others(folder, found)
-    assert found.chosen is not None
-    return found.chosen
+    return chosen
+
+
+def _lights_of(folder: str | os.PathLike[str]) -> CapturedLights:
+    """The lights of a scene folder; none where there is no file."""
+    path = Path(folder) / NAME
+    return read_lights(path) if path.exists() else CapturedLights()
 
 
 def _with_file(folder: str | os.PathLike[str], entry: LikelyLight, environment: "Environment") -> LikelyLight:
@@ -187,25 +186,12 @@ def _remove_others(folder: str | os.PathLike[str], lights: CapturedLights) -> No
 
 
 def known_light(choice: Any, folder: str | os.PathLike[str] | None) -> "Environment | None":
-    """Return the captured light that a request names, or else the one chosen in the folder of its scene.
+    """Return the captured light that a request names, or else the one chosen in the folder of its scene; None where it
+    is to be estimated.
 
-    Parameters
-    ----------
-    choice : None, "auto", int, path or Environment
-        None takes the chosen light; "auto" ignores it; a number is that of a candidate, from 1; a path is a
-        `captured_light.json`, whose chosen or else likeliest light counts, or an environment.
-    folder : path, optional
-        Of the scene.
-
-    Returns
-    -------
-    Environment or None
-        None where the light is to be estimated.
-
-    Raises
-    ------
-    InputError
-        For a number that no candidate has, and for what is missing or damaged.
+    choice: None takes the chosen light; "auto" ignores it; a number is that of a candidate, from 1; a path is a
+    `captured_light.json`, whose chosen or else likeliest light counts, or an environment; an Environment is itself.
+    Raises InputError for a number that no candidate has, and for what is missing or damaged.
     """
     if hasattr(choice, "radiance"):
         return choice

@@ -24,22 +24,9 @@ _UNIT_LENGTH = 1e-9  # a direction so near to length 1 is kept to the bit
 def captured_sun(said: DaylightRequest | str | Sequence[float]) -> tuple[float, float, float]:
     """Return the unit direction toward the captured sun, scene frame.
 
-    Parameters
-    ----------
-    said : DaylightRequest, str, or sequence of float
-        A time and a place with its north; a text, as above; (azimuth, height) in degrees, of a scene whose north is -z;
-        or a direction (x, y, z) of any length.
-
-    Returns
-    -------
-    tuple of float
-        (x, y, z).
-
-    Raises
-    ------
-    InputError
-        For another form, a time without a zone or a place, a place that is not on the Earth, and a sun that is not
-        above the horizon.
+    said: a time and a place with its north; a text, as above; (azimuth, height) in degrees, of a scene whose north is
+    -z; or a direction (x, y, z) of any length. Raises InputError for another form, a time without a zone or a place, a
+    place that is not on the Earth, and a sun that is not above the horizon.
     """
     if isinstance(said, DaylightRequest):
         return _of_date(said, said.time.isoformat(timespec="minutes"))

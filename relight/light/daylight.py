@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 from splat2mesh.base.errors import InputError
 
+from . import HEIGHT, WIDTH
 from .sun_position import check_place, check_time, parse_place, parse_time, sun_position, toward
 
 if TYPE_CHECKING:
@@ -23,9 +24,6 @@ if TYPE_CHECKING:
 
     from .environment import Environment
     from .sky_model import ClearSky
-
-HEIGHT, WIDTH = 256, 512
-"""Texels of the image, as of the built-in skies: 0.7 degrees."""
 
 MOST_STEPS = 3600
 """Most times in a day: one in 24 seconds."""
@@ -72,27 +70,8 @@ class DaylightRequest:
 
     @classmethod
     def parse(cls, sun: str, at: str, north_deg: float = 0.0) -> "DaylightRequest":
-        """Parse the user's text.
-
-        Parameters
-        ----------
-        sun : str
-            Date, time and zone, such as 2026-06-21T19:30+02:00.
-        at : str
-            Latitude and longitude, such as 48.85,2.35.
-        north_deg : float
-            As of the class.
-
-        Returns
-        -------
-        DaylightRequest
-            In clear air.
-
-        Raises
-        ------
-        InputError
-            For anything else, in one line.
-        """
+        """Read a date such as 2026-06-21T19:30+02:00 and a place such as 48.85,2.35; the air is clear. Raises
+        InputError."""
         return cls(parse_time(sun), *parse_place(at), north_deg)
 
     @property
@@ -105,51 +84,14 @@ class DaylightRequest:
         return replace(self, time=time)
 
     def environment(self) -> "Environment":
-        """Return the light, as `daylight` does."""
-        return daylight(
-            self.time, self.latitude_deg, self.longitude_deg, self.north_deg, self.turbidity, self.ground_albedo
-        )
+        """Return the light of the clear sky, (HEIGHT, WIDTH, 3) in units of `reference_luminance`, turned by the north.
 
+        At `north_deg` 0 north is -z, east +x, south +z.
+        """
+        from .environment import Environment
 
-def daylight(
-    time: datetime,
-    latitude_deg: float,
-    longitude_deg: float,
-    north_deg: float = 0.0,
-    turbidity: float = TURBIDITY,
-    ground_albedo: float = GROUND_ALBEDO,
-) -> "Environment":
-    """Return the light of a clear sky at a date and a place.
-
-    Parameters
-    ----------
-    time : datetime
-        With a zone.
-    latitude_deg, longitude_deg : float
-        North and east positive.
-    north_deg : float
-        By how much north is turned about +y from -z, counter-clockwise seen from above, as `Environment.rotated`
-        turns. At 0 north is -z, east +x, south +z.
-    turbidity : float
-        Haze, from 1 (pure air) to 10 (dense haze).
-    ground_albedo : float
-        From 0 to 1, grey.
-
-    Returns
-    -------
-    Environment
-        (HEIGHT, WIDTH, 3) float32, turned by `north_deg`. In units of `reference_luminance`.
-
-    Raises
-    ------
-    InputError
-        For a time without a zone, a place that is not on the Earth, and air that is none.
-    """
-    request = DaylightRequest(time, latitude_deg, longitude_deg, north_deg, turbidity, ground_albedo)
-    from .environment import Environment
-
-    image = sky_image(sky_of(request)) / reference_luminance()
-    return Environment(image, request.name).rotated(north_deg)
+        image = sky_image(sky_of(self)) / reference_luminance()
+        return Environment(image, self.name).rotated(self.north_deg)
 
 
 def sky_of(request: DaylightRequest) -> "ClearSky":
@@ -164,13 +106,10 @@ def sky_of(request: DaylightRequest) -> "ClearSky":
 
 @lru_cache(1)
 def reference_luminance() -> float:
-    """Return the luminance, cd/m^2, that radiance 1 of every `daylight` stands for.
+    """Return the luminance, cd/m^2, that radiance 1 of every daylight stands for.
 
-    Returns
-    -------
-    float
-        The mean over the sphere at a clear noon in June at 48 degrees: turbidity 3, ground albedo .3, the sun 65.4
-        degrees up. Expose a whole day by one number: what shows light of mean luminance 1 well shows that noon well.
+    It is the mean over the sphere at a clear noon in June at 48 degrees. Expose a whole day by one number: what shows
+    light of mean luminance 1 well shows that noon well.
     """
     import numpy as np
 
@@ -180,18 +119,10 @@ def reference_luminance() -> float:
 
 
 def sky_image(sky: "ClearSky") -> "NDArray[np.float64]":
-    """Return a sky with its sun and its ground as a lat-long image.
+    """Return a sky with its sun and its ground, cd/m^2, as a lat-long image (HEIGHT, WIDTH, 3) float64.
 
-    Parameters
-    ----------
-    sky : ClearSky
-        The model.
-
-    Returns
-    -------
-    ndarray of float64, (HEIGHT, WIDTH, 3)
-        cd/m^2, canonical lat-long. The disc's parts are shared among the four texels whose middles are around them,
-        by bilinear weights, which keeps energy and centroid; none goes below the horizon.
+    The disc's parts are shared among the four texels whose middles are around them, by bilinear weights, which keeps
+    energy and centroid; none goes below the horizon.
     """
     import numpy as np
 
@@ -219,24 +150,11 @@ def sky_image(sky: "ClearSky") -> "NDArray[np.float64]":
 
 
 def day_times(text: str, day: datetime) -> list[datetime]:
-    """Return the times of a day, such as those of 05:00-21:30/15min.
+    """Return the times of a day, such as those of 05:00-21:30/15min, the last too where the steps meet it.
 
-    Parameters
-    ----------
-    text : str
-        First and last time as hours and minutes, up to 24:00, and the step in s, min or h.
-    day : datetime
-        Any time of the day, with the zone that the text is in.
-
-    Returns
-    -------
-    list of datetime
-        In the zone of `day`, from the first on; the last too, where the steps meet it.
-
-    Raises
-    ------
-    InputError
-        For another form, an end that is not after the start, a step below a second, and more than `MOST_STEPS` steps.
+    text: first and last time as hours and minutes, up to 24:00, and the step in s, min or h. day: any time of the day,
+    with the zone that the text is in. Raises InputError for another form, an end that is not after the start, a step
+    below a second, and more than `MOST_STEPS` steps.
     """
     check_time(day)
     found = _DAY.fullmatch(text)

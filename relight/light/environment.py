@@ -17,31 +17,15 @@ from splat2mesh.base.inputs import reading
 from splat2mesh.scene.color import luminance
 
 from ..sh import latlong, rotors
-from . import projections, skies
+from . import MOST_RADIANCE, projections, skies
 from .axes import check_axis
 from .environment_files import read_light
-
-MOST_RADIANCE = 1e12
-"""Brighter pixels are clipped to it, or sums and exposures would leave float32. The sun has 2e9 cd/m^2."""
 
 _ANGLE_DIGITS = 9  # 1e-9 degrees: drops the rounding error of the reduction modulo 360
 
 
 def turned_about_y(coefficients: Coefficients, angle_deg: float) -> NDArray[np.float64]:
-    """Turn radiance coefficients by an active rotation about +y.
-
-    Parameters
-    ----------
-    coefficients : ndarray, (K, 3)
-        Coefficients of the light, basis of `relight.sh.harmonics`.
-    angle_deg : float
-        Degrees, counter-clockwise seen from +y: +z goes towards +x.
-
-    Returns
-    -------
-    ndarray of float64, (K, 3)
-        Coefficients of the turned light.
-    """
+    """Radiance coefficients (K, 3) float64 turned by an active rotation about +y: +z goes towards +x."""
     return rotors.rotate(coefficients, rotors.from_axis_angle([0.0, 1.0, 0.0], math.radians(angle_deg)))
 
 
@@ -60,21 +44,9 @@ class Environment:
     """
 
     def __init__(self, radiance: Radiance, name: str = "environment", rotation_deg: float = 0.0) -> None:
-        """Make an environment of an image.
+        """Make an environment of an image (H, W, 3). Pixels that hold no radiance are repaired, with one DataWarning.
 
-        Parameters
-        ----------
-        radiance : ndarray, (H, W, 3)
-            Linear, canonical lat-long. Pixels that hold no radiance are repaired, with one DataWarning.
-        name : str
-            For file names and reports.
-        rotation_deg : float
-            Active rotation about +y, degrees.
-
-        Raises
-        ------
-        InputError
-            For another shape, an image without a finite pixel, and an angle that is not finite.
+        Raises InputError for another shape, an image without a finite pixel, and an angle that is not finite.
         """
         radiance = np.asarray(radiance)
         if radiance.ndim != 3 or radiance.shape[2] != 3 or 0 in radiance.shape:
@@ -86,33 +58,19 @@ class Environment:
         self.formula: str | None = None
         self.turned: dict[str, Any] | None = None
         self.exposed = False
-        self._derived: dict[
-            Hashable, Any
-        ] = {}  # results computed from the unrotated image, by key, shared with all rotated copies
+        self._derived: dict[Hashable, Any] = {}  # of the unrotated image, by key, shared with all rotated copies
 
     @classmethod
     def load(cls, source: str | os.PathLike[str]) -> "Environment":
-        """Read an environment from a file, or make a built-in one.
+        """Read an OpenEXR or Radiance HDR file, or make the built-in sky of a name of `skies.BUILTIN`; return it
+        unturned.
 
-        Parameters
-        ----------
-        source : path-like
-            An OpenEXR or Radiance HDR file, or a name of `skies.BUILTIN`. Angular maps and vertical crosses are
-            recognised and resampled; anything else is taken as lat-long.
-
-        Returns
-        -------
-        Environment
-            Not turned.
-
-        Raises
-        ------
-        InputError
-            For an unknown name, and for a file that is missing, damaged or of another kind.
+        Angular maps and vertical crosses are recognised and resampled; anything else is taken as lat-long. Raises
+        InputError for an unknown name, and for a file that is missing, damaged or of another kind.
         """
         builtin = str(source).lower()
         if builtin in skies.BUILTIN and not os.path.lexists(source):
-            environment = cls(skies.BUILTIN[builtin](), builtin)
+            environment = cls(skies.image_of(builtin), builtin)
             environment.formula = builtin
             return environment
         path = Path(source)
@@ -142,20 +100,8 @@ class Environment:
     def rotated(self, angle_deg: float) -> "Environment":
         """Return this environment turned further, with the image shared.
 
-        Parameters
-        ----------
-        angle_deg : float
-            Active rotation about +y, degrees. Angles that differ by whole turns give identical results, to the bit.
-
-        Returns
-        -------
-        Environment
-            The turned one.
-
-        Raises
-        ------
-        InputError
-            For an angle that is not finite.
+        angle_deg: active, about +y. Angles that differ by whole turns give identical results, to the bit. Raises
+        InputError for one that is not finite.
         """
         turned = copy.copy(self)
         turned.rotation_deg = _reduced(self.rotation_deg + _reduced(angle_deg))
@@ -194,18 +140,8 @@ class Environment:
         return found
 
     def sh(self, bands: int) -> NDArray[np.float64]:
-        """Return the radiance coefficients, rotation included.
-
-        Parameters
-        ----------
-        bands : int
-            B, from 1 to 10.
-
-        Returns
-        -------
-        ndarray of float64, (B^2, 3)
-            Basis of `relight.sh.harmonics`, scene frame.
-        """
+        """Return the radiance coefficients, (B^2, 3) float64 for 1 to 10 bands B, in the scene frame, rotation
+        included."""
         unrotated = self.derived(("sh", bands), lambda: latlong.project_latlong(self.radiance, bands))
         return turned_about_y(unrotated, self.rotation_deg)
 
@@ -216,18 +152,8 @@ class Environment:
         return self._derived[key]
 
     def lookup(self, directions: Directions) -> NDArray[np.float32]:
-        """Look up the radiance that arrives from directions.
-
-        Parameters
-        ----------
-        directions : ndarray, (N, 3)
-            Toward the light, of any length, scene frame.
-
-        Returns
-        -------
-        ndarray of float32, (N, 3)
-            Linear radiance, bilinear, across the seam and the poles.
-        """
+        """Return the radiance, (N, 3) float32 linear, that arrives from directions (N, 3) of any length toward the
+        light, scene frame: bilinear, across the seam and the poles."""
         x, y, z = np.asarray(directions, np.float64).T
         height, width = self.radiance.shape[:2]
         longitude = np.arctan2(x, z) - math.radians(self.rotation_deg)

@@ -32,18 +32,10 @@ _CROSS_FACES = (
 
 
 def recognise(image: Radiance) -> str | None:
-    """Recognise the projection of an image by its aspect and its black regions.
+    """Recognise the projection of an image (H, W, 3) by its aspect and its black regions.
 
-    Parameters
-    ----------
-    image : ndarray, (H, W, 3)
-        Linear radiance.
-
-    Returns
-    -------
-    str or None
-        "lat-long" for 2:1; "angular map" for a square that is black outside its circle; "vertical cross" for 3:4 with
-        black cells where no face is; None for anything else.
+    "lat-long" for 2:1; "angular map" for a square that is black outside its circle; "vertical cross" for 3:4 with black
+    cells where no face is; None for anything else.
     """
     height, width = image.shape[:2]
     if width == 2 * height:
@@ -56,17 +48,9 @@ def recognise(image: Radiance) -> str | None:
 
 
 def latlong_from_angular(image: Radiance) -> NDArray[np.float32]:
-    """Resample Debevec's angular map (www.pauldebevec.com/Probes) as lat-long.
+    """Resample Debevec's angular map (www.pauldebevec.com/Probes), (N, N, 3), as lat-long (N / 2, N, 3) float32.
 
-    Parameters
-    ----------
-    image : ndarray, (N, N, 3)
-        Linear radiance: centre -z, right +x, top +y, the radius proportional to the angle.
-
-    Returns
-    -------
-    ndarray of float32, (N / 2, N, 3)
-        Canonical lat-long.
+    Its centre is -z, right +x, top +y, its radius proportional to the angle.
     """
     size = image.shape[0]
 
@@ -83,17 +67,9 @@ def latlong_from_angular(image: Radiance) -> NDArray[np.float32]:
 
 
 def latlong_from_cross(image: Radiance) -> NDArray[np.float32]:
-    """Resample a vertical cross of cube faces as lat-long.
+    """Resample a vertical cross of cube faces, (4 F, 3 F, 3), as lat-long (2 F, 4 F, 3) float32.
 
-    Parameters
-    ----------
-    image : ndarray, (4 F, 3 F, 3)
-        Linear radiance; rows of faces: +y / -x, -z, +x / -y / +z upside down.
-
-    Returns
-    -------
-    ndarray of float32, (2 F, 4 F, 3)
-        Canonical lat-long.
+    Rows of faces: +y / -x, -z, +x / -y / +z upside down.
     """
     face = image.shape[1] // 3
 
@@ -204,23 +180,9 @@ def _cross_inside(face: int) -> Mask:
 def texel_parts(
     row: Integers, column: Integers, height: int, width: int, parts: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Divide texels of a lat-long image into parts.
+    """Divide T texels of a lat-long image into P = `parts` along each side.
 
-    Parameters
-    ----------
-    row, column : ndarray of int, (T,)
-        The texels.
-    height, width : int
-        Size of the image, texels.
-    parts : int
-        P, along each side of a texel.
-
-    Returns
-    -------
-    directions : ndarray of float64, (T, P^2, 3)
-        Unit vectors to the middle of each part, canonical frame.
-    areas : ndarray of float64, (T, P^2)
-        Solid angles, sr.
+    Returns unit vectors (T, P^2, 3) to the middles of the parts, canonical frame, and their solid angles (T, P^2), sr.
     """
     step = np.arange(parts)
     fine_row = row[:, None] * parts + step

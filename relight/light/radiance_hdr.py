@@ -23,28 +23,11 @@ _NEW_RUNS = 8, 32767  # widths that may be packed in the new way
 
 
 def decode(data: bytes, name: object) -> NDArray[np.float32]:
-    """Decode a radiance picture.
+    """Decode a Radiance picture, given whole, into linear sRGB radiance (H, W, 3) float32, the top row first.
 
-    Parameters
-    ----------
-    data : bytes
-        The whole file.
-    name : object
-        Name of the file, for messages.
+    It is divided by the EXPOSURE and COLORCORR of the header, and converted from its PRIMARIES or CIE XYZ. Raises
+    InputError for a damaged file, and for one that announces more pixels than its bytes can hold.
 
-    Returns
-    -------
-    ndarray of float32, (H, W, 3)
-        Linear sRGB radiance, the top row first, divided by the EXPOSURE and COLORCORR of the header, converted from its
-        PRIMARIES or CIE XYZ.
-
-    Raises
-    ------
-    InputError
-        For a damaged file, and for one that announces more pixels than its bytes can hold.
-
-    Notes
-    -----
     imagecodecs decodes the usual order of rows alike, bit by bit, but ignores exposures and reads neither other orders
     nor old run lengths (`docs/decisions.md`).
     """

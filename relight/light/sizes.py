@@ -17,22 +17,8 @@ _LONGEST_HEADER = 1 << 20
 
 
 def check_pixels(name: object, width: int, height: int, size: int) -> None:
-    """Check the size that a picture declares before memory is allocated for it.
-
-    Parameters
-    ----------
-    name : object
-        Name of the file, for messages.
-    width, height : int
-        As announced, pixels.
-    size : int
-        Size of the file, bytes.
-
-    Raises
-    ------
-    InputError
-        For more pixels than the file has bytes, or than FREE_PIXELS where that is more.
-    """
+    """Raise InputError for a picture that declares more pixels than its file has bytes, or than FREE_PIXELS where that
+    is more. name: of the file."""
     most = max(FREE_PIXELS, size)
     if width * height > most:
         raise InputError(
@@ -41,23 +27,10 @@ def check_pixels(name: object, width: int, height: int, size: int) -> None:
 
 
 def check_exr(name: object, data: bytes) -> None:
-    """Check the sizes in the header of an OpenEXR file before it is read.
+    """Check the sizes in the header of an OpenEXR file, given whole, before it is read.
 
-    Parameters
-    ----------
-    name : object
-        Name of the file, for messages.
-    data : bytes
-        The whole file.
-
-    Raises
-    ------
-    InputError
-        For a header that makes no sense, deep pixels, or more pixels or channels than may be read.
-
-    Notes
-    -----
-    Source: "OpenEXR File Layout". The library that reads the pixels checks the rest of the header.
+    Raises InputError for a header that makes no sense, deep pixels, or more pixels or channels than may be read. The
+    library that reads the pixels checks the rest. Source: "OpenEXR File Layout".
     """
     try:
         parts = _exr_headers(data)

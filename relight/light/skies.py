@@ -5,6 +5,7 @@ Left, right and front are those of a camera on +z that looks at the origin: -x i
 
 from collections.abc import Callable
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,111 +13,49 @@ from numpy.typing import ArrayLike, NDArray
 from splat2mesh.base.arrays import Directions, Floats, Radiance, Vector
 from splat2mesh.scene.color import luminance
 
+from . import HEIGHT, WIDTH
 from .projections import row_solid_angles, texel_directions
 
-HEIGHT, WIDTH = 256, 512
 _SUN_RADIUS_DEG = 0.266  # half the mean apparent diameter of the solar disc
 _GROUND_ALBEDO = 0.2  # of soil and grass
 _SUBSAMPLES = 16  # a side of each texel near a disc's rim
 
 
-def studio() -> NDArray[np.float32]:
-    """Return a photographer's studio: key from the upper front left, soft fill, rim from behind, grey surroundings.
-
-    Returns
-    -------
-    ndarray of float32, (HEIGHT, WIDTH, 3)
-        Radiance, canonical lat-long, mean luminance 1.
-    """
-    return _image("studio")
-
-
-def overcast() -> NDArray[np.float32]:
-    """Return an overcast day over a grey ground that it lights.
-
-    Returns
-    -------
-    ndarray of float32, (HEIGHT, WIDTH, 3)
-        Radiance, canonical lat-long, mean luminance 1: the CIE overcast sky, L = Lz (1 + 2 sin elevation) / 3.
-    """
-    return _image("overcast")
-
-
-def noon() -> NDArray[np.float32]:
-    """Return a clear day with the sun 60 degrees up.
-
-    Returns
-    -------
-    ndarray of float32, (HEIGHT, WIDTH, 3)
-        Radiance, canonical lat-long, mean luminance 1. On level ground five sixths of the light are the sun's, one
-        sixth the sky's.
-    """
-    return _image("noon")
-
-
-def sunset() -> NDArray[np.float32]:
-    """Return an evening with the sun 6 degrees up on the left, its light warm along the ground.
-
-    Returns
-    -------
-    ndarray of float32, (HEIGHT, WIDTH, 3)
-        Radiance, canonical lat-long, mean luminance 1. The sun gives level ground a quarter of what the sky gives.
-    """
-    return _image("sunset")
-
-
-BUILTIN = {"studio": studio, "overcast": overcast, "noon": noon, "sunset": sunset}
+def image_of(name: str) -> NDArray[np.float32]:
+    """Return a built-in sky, (HEIGHT, WIDTH, 3), canonical lat-long, mean luminance 1."""
+    sky = _sky(name)
+    return (sky.image / sky.mean).astype(np.float32)
 
 
 def seen(name: str, directions: Directions) -> NDArray[np.float32]:
-    """Return a built-in sky as an eye sees it, in any detail: for pictures, never for light.
+    """Return a built-in sky as an eye sees it in unit directions (..., 3), in any detail: for pictures alone.
 
-    Parameters
-    ----------
-    name : str
-        A key of BUILTIN.
-    directions : ndarray, (..., 3)
-        Unit vectors, canonical frame.
-
-    Returns
-    -------
-    ndarray of float32, (..., 3)
-        Linear radiance. The sun is a disc of its true size. Far ground fades into the air above the horizon, which the
-        image, whose texels are 0.7 degrees wide, does not resolve.
+    The sun is a disc of its true size. Far ground fades into the air above the horizon, which the image, whose texels
+    are 0.7 degrees wide, does not resolve.
     """
-    sky, scale, sun, ground = _constants(name)
+    sky = _sky(name)
     directions = np.asarray(directions, np.float64)
-    below = directions[..., 1] < 0.0 if ground is not None else np.zeros(directions.shape[:-1], bool)
+    below = directions[..., 1] < 0.0 if sky.ground is not None else np.zeros(directions.shape[:-1], bool)
     result = np.empty((*directions.shape[:-1], 3))
     above = directions[~below]
-    light = sky(above)
-    if sun is not None:
-        center, radiance = sun
+    light = sky.formula(above)
+    if sky.sun is not None:
+        center, radiance = sky.sun
         inside = above @ center > np.cos(np.radians(_SUN_RADIUS_DEG))
         light = light + inside[..., None] * radiance
     result[~below] = light
-    if ground is not None:
+    if sky.ground is not None:
         low = directions[below]
         level = low * [1.0, 0.0, 1.0]
         level /= np.maximum(np.linalg.norm(level, axis=-1, keepdims=True), 1e-9)
         air = (_HAZE * np.exp(low[..., 1] / _HAZE_HEIGHT))[..., None]
-        result[below] = _mix(ground, sky(level), air)
-    return (result / scale).astype(np.float32)
+        result[below] = _mix(sky.ground, sky.formula(level), air)
+    return (result / sky.mean).astype(np.float32)
 
 
 def sun_of(name: str) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-    """Return where the sun of a built-in sky stands.
-
-    Parameters
-    ----------
-    name : str
-        A key of BUILTIN.
-
-    Returns
-    -------
-    tuple of ndarray of float64, (3,) each, or None
-        Unit direction toward it, canonical frame, and its linear colour; None for a sky without one.
-    """
+    """Return the unit direction (3,) toward the sun of a built-in sky, canonical frame, and its linear colour (3,);
+    None for a sky without one."""
     if name not in _SUNS:
         return None
     angles, color, _ = _SUNS[name]
@@ -124,6 +63,7 @@ def sun_of(name: str) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
 
 
 def _studio_light(directions: Directions) -> NDArray[np.float64]:
+    """A photographer's studio: key from the upper front left, soft fill, rim from behind, grey surroundings."""
     height = directions[..., 1:2]
     image = np.where(height > 0, 0.40 + 0.35 * height, 0.40 + 0.20 * height) * np.array([0.97, 0.99, 1.05])
     for center, half_size, color in (
@@ -137,10 +77,12 @@ def _studio_light(directions: Directions) -> NDArray[np.float64]:
 
 
 def _overcast_sky(directions: Directions) -> NDArray[np.float64]:
+    """The CIE overcast sky, L = Lz (1 + 2 sin elevation) / 3."""
     return (1.0 + 2.0 * np.maximum(directions[..., 1:2], 0.0)) / 3.0 * np.array([0.97, 1.0, 1.06])
 
 
 def _noon_sky(directions: Directions) -> NDArray[np.float64]:
+    """A clear day: on level ground five sixths of the light are the sun's."""
     sun = _direction(*_SUNS["noon"][0])
     blue = _mix((0.80, 0.90, 1.05), (0.28, 0.50, 1.10), np.sqrt(np.maximum(directions[..., 1:2], 0.0)))
     blue = _mix(blue, (1.05, 1.0, 0.95), np.exp(8.0 * (directions @ sun - 1.0))[..., None])  # whiter about the sun
@@ -148,6 +90,7 @@ def _noon_sky(directions: Directions) -> NDArray[np.float64]:
 
 
 def _sunset_sky(directions: Directions) -> NDArray[np.float64]:
+    """An evening, warm along the ground: the sun gives level ground a quarter of what the sky gives."""
     sun = _direction(*_SUNS["sunset"][0])
     height = np.sqrt(np.maximum(directions[..., 1:2], 0.0))
     towards = 0.5 + 0.5 * (directions @ sun)[..., None]
@@ -158,6 +101,8 @@ def _sunset_sky(directions: Directions) -> NDArray[np.float64]:
 
 _SKIES = {"studio": _studio_light, "overcast": _overcast_sky, "noon": _noon_sky, "sunset": _sunset_sky}
 
+BUILTIN = tuple(_SKIES)
+
 _SUNS = {"noon": ((-35.0, 60.0), (1.05, 1.0, 0.92), 5.0), "sunset": ((-60.0, 6.0), (1.50, 0.94, 0.50), 0.25)}
 """Azimuth and elevation in degrees, colour, and light on level ground over that of the sky."""
 
@@ -165,33 +110,35 @@ _HAZE, _HAZE_HEIGHT = 0.8, 0.02
 """Share of the air's light in that of the farthest ground, and the slope, as a sine, at which 1/e of it is left."""
 
 
-def _image(name: str) -> NDArray[np.float32]:
-    directions = texel_directions(HEIGHT, WIDTH)
-    image = _SKIES[name](directions)
-    if name in _SUNS:
-        angles, color, share = _SUNS[name]
-        image = _with_sun(image, directions, _direction(*angles), color, level_share=share)
-    return _normalised(image if name == "studio" else _over_ground(image, directions))
+class _Sky(NamedTuple):
+    """A sky in numbers: its formula, (direction, radiance) of its sun or None, the radiance of its ground or None, and
+    the image of all of it with its mean luminance."""
+
+    formula: Callable[[Directions], NDArray[np.float64]]
+    sun: tuple[Vector, Vector] | None
+    ground: Vector | None
+    image: NDArray[np.float64]
+    mean: float
 
 
 @lru_cache
-def _constants(
-    name: str,
-) -> tuple[Callable[[Directions], NDArray[np.float64]], float, tuple[Vector, Vector] | None, Vector | None]:
-    """A sky's formula, its mean, (direction, radiance) of its sun or None, and the radiance of its ground or None."""
+def _sky(name: str) -> _Sky:
     directions = texel_directions(HEIGHT, WIDTH)
     image, sun, ground = _SKIES[name](directions), None, None
     if name in _SUNS:
         angles, color, share = _SUNS[name]
         center = _direction(*angles)
-        power = _sun_power(image, directions, center, share)
+        power, tint = _sun_power(image, directions, center, share), np.asarray(color) / luminance(color)
         solid_angle = 2.0 * np.pi * (1.0 - np.cos(np.radians(_SUN_RADIUS_DEG)))
-        sun = center, power / solid_angle * np.asarray(color) / luminance(color)
-        image = _with_sun(image, directions, center, color, share)
+        sun = center, power / solid_angle * tint
+        areas = row_solid_angles(HEIGHT, WIDTH)
+        disc = _disc(directions, center) * areas
+        image = image + (disc * power / disc.sum() / areas)[..., None] * tint
     if name != "studio":
         image = _over_ground(image, directions)
         ground = image[-1, 0]
-    return _SKIES[name], _mean(image), sun, ground
+    mean = np.sum(luminance(image) * row_solid_angles(HEIGHT, WIDTH)) / (4.0 * np.pi)
+    return _Sky(_SKIES[name], sun, ground, image, mean)
 
 
 def _direction(azimuth_deg: float, elevation_deg: float) -> NDArray[np.float64]:
@@ -228,18 +175,9 @@ def _clear_sky(directions: Directions, sun: Vector) -> NDArray[np.float64]:
     return scatter * (1.0 - np.exp(-0.32 / height))
 
 
-def _with_sun(
-    sky: Radiance, directions: Directions, sun: Vector, color: ArrayLike, level_share: float
-) -> NDArray[np.float64]:
-    """The sky with a sun that brings `level_share` times the sky's own luminous light onto level ground."""
-    areas = row_solid_angles(HEIGHT, WIDTH)
-    disc = _disc(directions, sun) * areas
-    power = _sun_power(sky, directions, sun, level_share)
-    return sky + (disc * power / disc.sum() / areas)[..., None] * (np.asarray(color) / luminance(color))
-
-
 def _sun_power(sky: Radiance, directions: Directions, sun: Vector, level_share: float) -> float:
-    """Irradiance of a surface that faces the sun."""
+    """Irradiance of a surface that faces a sun which brings `level_share` times the sky's own luminous light onto level
+    ground."""
     level = np.sum(luminance(sky) * row_solid_angles(HEIGHT, WIDTH) * np.maximum(directions[..., 1], 0.0))
     return level_share * level / sun[1]
 
@@ -261,11 +199,3 @@ def _over_ground(sky: Radiance, directions: Directions) -> NDArray[np.float64]:
     above = directions[..., 1:2] > 0
     irradiance = np.sum(sky * areas * directions[..., 1:2] * above, axis=(0, 1))
     return np.where(above, sky, _GROUND_ALBEDO * irradiance / np.pi)
-
-
-def _mean(image: Radiance) -> float:
-    return np.sum(luminance(image) * row_solid_angles(HEIGHT, WIDTH)) / (4.0 * np.pi)
-
-
-def _normalised(image: Radiance) -> NDArray[np.float32]:
-    return (image / _mean(image)).astype(np.float32)

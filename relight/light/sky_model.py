@@ -53,36 +53,22 @@ Explanatory Supplement to the Astronomical Almanac (Seidelmann), 1992, section 9
 class ClearSky:
     """Radiance of a cloudless sky, of the ground below it, and of the sun's disc.
 
-    sun: (3,) unit vector toward the middle of the disc, +y up; it may be below the horizon.
-    turbidity, ground_albedo: as given.
+    sun: (3,) unit vector toward the middle of the disc, +y up; it may be below the horizon. turbidity: haze, from 1 to
+    10. ground_albedo: from 0 to 1, grey.
     """
 
     def __init__(self, sun: ArrayLike, turbidity: float = 3.0, ground_albedo: float = 0.3) -> None:
-        """Make it for a sun.
+        """Make it for a sun in a direction (3,) of any length, +y up. The ground brightens the sky, too.
 
-        Parameters
-        ----------
-        sun : array-like, (3,)
-            Toward the middle of the sun's disc, of any length, +y up.
-        turbidity : float
-            Haze, from 1 to 10.
-        ground_albedo : float
-            From 0 to 1, grey. It brightens the sky, too.
+        Raises InputError for a turbidity or an albedo outside its range, and for a direction that is none.
 
-        Raises
-        ------
-        InputError
-            For a turbidity or an albedo outside its range, and for a direction that is none.
+        Sky: Hosek and Wilkie, An Analytic Model for Full Spectral Sky-Dome Radiance, 2012, its RGB version. Sun: by the
+        same, Adding a Solar-Radiance Function to the Hosek-Wilkie Skylight Model, 2013, its spectra taken through the
+        CIE 1931 curves.
 
-        Notes
-        -----
-        Sky: Hosek and Wilkie, An Analytic Model for Full Spectral Sky-Dome Radiance, 2012, its RGB version. Sun: by
-        the same, Adding a Solar-Radiance Function to the Hosek-Wilkie Skylight Model, 2013, its spectra taken through
-        the CIE 1931 curves.
-
-        The model ends at sunset. Twilight is its sky for a sun on the horizon, dimmed to the illuminance
-        of the almanac (from -6 degrees on; before, along a smooth way there) and turned to one blue. The night, from
-        -18 degrees on, is the last of it: 0.0006 lux of air and stars, without moon and lamps.
+        The model ends at sunset. Twilight is its sky for a sun on the horizon, dimmed to the illuminance of the almanac
+        (from -6 degrees on; before, along a smooth way there) and turned to one blue. The night, from -18 degrees on,
+        is the last of it: 0.0006 lux of air and stars, without moon and lamps.
         """
         vector = np.asarray(sun, np.float64)
         length = float(np.linalg.norm(vector))
@@ -101,18 +87,8 @@ class ClearSky:
         return math.degrees(math.atan2(self.sun[1], math.hypot(self.sun[0], self.sun[2])))
 
     def radiance(self, directions: Directions) -> NDArray[np.float64]:
-        """Return the radiance of sky and ground, without the sun's disc.
-
-        Parameters
-        ----------
-        directions : ndarray, (..., 3)
-            Unit vectors.
-
-        Returns
-        -------
-        ndarray of float64, (..., 3)
-            Above the horizon that of the sky, below it that of a matt, level ground, cd/m^2.
-        """
+        """Return the radiance (..., 3), cd/m^2, of unit directions (..., 3): of the sky without the sun's disc, and
+        below the horizon of a matt, level ground."""
         directions = np.asarray(directions, np.float64)
         result = np.empty(directions.shape)
         above = directions[..., 1] >= 0.0
@@ -121,15 +97,8 @@ class ClearSky:
         return result
 
     def disc(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the parts of the sun's disc that are above the horizon.
-
-        Returns
-        -------
-        directions : ndarray of float64, (P, 3)
-            Unit vectors toward them. None once the disc has set.
-        weights : ndarray of float64, (P, 3)
-            Radiance times solid angle, lux: the irradiance of a surface that faces them.
-        """
+        """Return the parts of the sun's disc that are above the horizon: unit vectors (P, 3) toward them, and weights
+        (P, 3), radiance times solid angle: lux on a surface that faces them."""
         toward, solid_angle = self._disc_parts()
         toward = toward[toward[:, 1] > 0.0]
         return toward, _sun_radiance(np.arcsin(toward[:, 1]), self.turbidity) * solid_angle

@@ -27,32 +27,12 @@ Spots: TypeAlias = tuple[Directions, Radiance, Floats]
 
 
 def clusters(spots: Spots, bands: int, scale: float, allowed: float, most: int) -> tuple[NDArray[np.int64], int, float]:
-    """Gather spots of light into clusters that may each shine as a point.
+    """Gather P spots of light into clusters that may each shine as a point.
 
-    Parameters
-    ----------
-    spots : Spots
-        P patches of light: directions, weights, variances.
-    bands : int
-        B of the light without them.
-    scale : float
-        Root mean square radiance, to which errors are relative.
-    allowed : float
-        Sum of squared relative errors that may remain.
-    most : int
-        Clusters at most.
+    bands: of the light without them. scale: root mean square radiance, to which errors are relative. allowed: sum of
+    squared relative errors that may remain. most: clusters at most. Returns the cluster of each spot, (P,) int64 from
+    0, their number, and the relative error of letting each shine as a point.
 
-    Returns
-    -------
-    label : ndarray of int64, (P,)
-        The cluster of each spot, from 0.
-    count : int
-        Number of clusters.
-    error : float
-        Relative error of letting each shine as a point.
-
-    Notes
-    -----
     The cluster with the largest error is halved at its centroid, across its longest axis, until the squares sum to
     `allowed` or there are `most`.
     """

@@ -30,29 +30,11 @@ class SunPosition(NamedTuple):
 
 
 def sun_position(time: datetime, latitude_deg: float, longitude_deg: float) -> SunPosition:
-    """Return where the sun stands.
+    """Return where the sun stands; at a zenith or a pole, where the azimuth means nothing, it is still a number.
 
-    Parameters
-    ----------
-    time : datetime
-        With a zone, in the years `FIRST_YEAR` to `LAST_YEAR`.
-    latitude_deg : float
-        Degrees, north positive.
-    longitude_deg : float
-        Degrees, east positive.
+    time: with a zone. latitude_deg, longitude_deg: north and east positive. Raises InputError for a time without a zone
+    or beyond `FIRST_YEAR` to `LAST_YEAR`, and for a place that is not on the Earth.
 
-    Returns
-    -------
-    SunPosition
-        Azimuth and elevation, degrees. At a zenith or a pole, where the azimuth means nothing, still a number.
-
-    Raises
-    ------
-    InputError
-        For a time without a zone or in another year, and for a place that is not on the Earth.
-
-    Notes
-    -----
     Within .02 degrees of astropy's apparent places, refraction aside (docs/daylight.md). Refraction is NOAA's fit for
     the standard atmosphere at sea level, which true air leaves by tenths of a degree near the horizon.
     """
@@ -78,17 +60,8 @@ def sun_position(time: datetime, latitude_deg: float, longitude_deg: float) -> S
 def toward(azimuth_deg: float, elevation_deg: float, north_deg: float = 0.0) -> tuple[float, float, float]:
     """Return the unit direction toward a sun in a frame whose +y is up.
 
-    Parameters
-    ----------
-    azimuth_deg, elevation_deg : float
-        From north, clockwise seen from above; above the horizon.
-    north_deg : float
-        By how much north is turned about +y from -z, counter-clockwise seen from above. At 0 east is +x.
-
-    Returns
-    -------
-    tuple of float
-        (x, y, z).
+    azimuth_deg: from north, clockwise seen from above. elevation_deg: above the horizon. north_deg: by how much north
+    is turned about +y from -z, counter-clockwise seen from above; at 0 east is +x.
     """
     azimuth, elevation = math.radians(azimuth_deg - north_deg), math.radians(elevation_deg)
     level = math.cos(elevation)
@@ -96,22 +69,9 @@ def toward(azimuth_deg: float, elevation_deg: float, north_deg: float = 0.0) -> 
 
 
 def parse_time(text: str) -> datetime:
-    """Read a date with its time and zone, such as 2026-06-21T19:30+02:00.
+    """Read a date with its time and zone, such as 2026-06-21T19:30+02:00; the zone may also be +0200, +02 or Z.
 
-    Parameters
-    ----------
-    text : str
-        ISO 8601; Z stands for +00:00.
-
-    Returns
-    -------
-    datetime
-        With the zone that was given.
-
-    Raises
-    ------
-    InputError
-        For another form, a date without a time or a zone, and a year outside `FIRST_YEAR` to `LAST_YEAR`.
+    Raises InputError for another form, a date without a time or a zone, and a year beyond `FIRST_YEAR` to `LAST_YEAR`.
     """
     example = "2026-06-21T19:30+02:00"
     plain = text.strip()
@@ -131,22 +91,9 @@ def parse_time(text: str) -> datetime:
 
 
 def parse_place(text: str) -> tuple[float, float]:
-    """Read a place, such as 48.85,2.35.
+    """Read (latitude_deg, longitude_deg), north and east positive, of a text such as 48.85,2.35.
 
-    Parameters
-    ----------
-    text : str
-        Latitude (north positive) and longitude (east positive) in decimal degrees, with a comma between them.
-
-    Returns
-    -------
-    tuple of float
-        (latitude_deg, longitude_deg).
-
-    Raises
-    ------
-    InputError
-        For another form, a latitude beyond 90 and a longitude beyond 180 degrees.
+    Raises InputError for another form, a latitude beyond 90 and a longitude beyond 180 degrees.
     """
     try:
         latitude, longitude = (float(part) for part in text.split(","))

@@ -32,34 +32,15 @@ from .suns import Suns
 DEFAULT_LIMIT = 128
 """Most suns. Half of them stand before a vertex: a quarter of the rays of the default transfer, for every light."""
 
-
 LEVELS = 160.0 * 0.5 ** np.arange(7)  # where luminance is cut off, over its mean: down to 2.5
-
-
 _OPENING_DEG = 2.0  # narrower patches are cut down to what surrounds them, wider ones to the level
-
-
 _FALL = 4  # a texel at twice the level keeps 1/16 of its light or what is around it; a sun keeps 1e-9 or less
-
-
 _POINT_DEG = 2.0  # a bright texel with dark ones around it is a point, unless it is higher than this
-
-
 _PARTS = 8  # a side of each texel at most; a sun's disc may be one texel
-
-
 _PART_ENERGY = 1.0 / 1024  # of the light, in each part of a texel: well below what one sun holds
-
-
 _POOL_HEIGHT = 512  # rows of finer images are pooled to so many, of 0.35 degrees: less than the solar disc
-
-
 _LLOYD_ROUNDS = 5  # the largest errors come down by up to a tenth, the mean by 2%
-
-
 _ENOUGH = 1.1  # of the least estimate: the last tenth can take a hundred suns
-
-
 GRID = (64, 128)  # for the estimate: cells of 2.8 degrees, well under the width of a lobe of 10 bands
 
 
@@ -92,33 +73,14 @@ def split(
     tolerance: float = SUN_TOLERANCE,
     limit: int = DEFAULT_LIMIT,
 ) -> tuple[Environment, Suns]:
-    """Split an environment into what few bands hold and suns beside it.
+    """Split an Environment, turned or not, into what few bands hold and the suns beside it, brightest first, turned
+    alike.
 
-    Parameters
-    ----------
-    environment : Environment
-        Turned or not.
-    bands : int
-        B of the transfer that it will light, from 1 to 10.
-    tolerance : float
-        Relative error of radiance that may remain, an estimate: root mean square over vertices beside walls.
-    limit : int
-        Most suns. Where they do not reach the tolerance, the fewest that come to 1.1 of the least estimate.
+    bands: of the transfer that it will light, from 1 to 10. tolerance: relative error of radiance that may remain, an
+    estimate: root mean square over vertices beside walls. limit: most suns; where they do not reach the tolerance, the
+    fewest that come to 1.1 of the least estimate. The rest is the Environment itself where the bands hold it well
+    enough. Raises InputError for bands outside 1..10, and for a tolerance or a limit that is not positive.
 
-    Returns
-    -------
-    rest : Environment
-        Turned as the given one; that itself where the bands hold it well enough.
-    suns : Suns
-        Brightest first, turned alike.
-
-    Raises
-    ------
-    InputError
-        For bands outside 1..10, and for a tolerance or a limit that is not positive.
-
-    Notes
-    -----
     What exceeds a level of luminance is cut off and gathered into suns. Level and number are found once for an image
     and all its rotations.
     """

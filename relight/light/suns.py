@@ -29,13 +29,7 @@ class Suns:
         return len(self.directions)
 
     def rotated(self, angle_deg: float) -> "Suns":
-        """Return these suns turned by an active rotation about +y, as `Environment.rotated` turns.
-
-        Parameters
-        ----------
-        angle_deg : float
-            Degrees, counter-clockwise seen from +y.
-        """
+        """Return these suns turned by an active rotation about +y, as `Environment.rotated` turns."""
         angle = math.radians(angle_deg)
         cos, sin = math.cos(angle), math.sin(angle)
         turn = np.array([[cos, 0.0, sin], [0.0, 1.0, 0.0], [-sin, 0.0, cos]])

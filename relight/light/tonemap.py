@@ -17,47 +17,24 @@ BRIGHT_PERCENTILE = 98.0
 
 
 def auto_exposure(radiance: Radiance) -> float:
-    """Return the exposure that brings the bright end of the vertices to the start of the shoulder.
+    """Return the exposure, display value per unit of radiance (V, 3), that brings the bright end of the vertices to the
+    start of the shoulder; 1 for a scene without light.
 
-    Parameters
-    ----------
-    radiance : ndarray, (V, 3)
-        Linear exit radiance.
-
-    Returns
-    -------
-    float
-        Display value per unit of radiance; 1 for a scene without light.
-
-    Notes
-    -----
     The bright end is a percentile and not the maximum, so a few vertices in a sun's glare do not darken the rest. It is
-    taken over each vertex's largest channel, because channels clip, not luminances: a luminance would burn out every
-    saturated light.
+    taken over each vertex's largest channel, because channels clip, not luminances.
     """
     bright = float(np.percentile(np.max(radiance, axis=1), BRIGHT_PERCENTILE))
     return SHOULDER_START / bright if bright > 0.0 else 1.0
 
 
 def compress_highlights(color_linear: Radiance) -> NDArray[np.float32]:
-    """Compress highlights by the shoulder of the Khronos PBR Neutral mapper.
+    """Compress the highlights of exposed linear colours (..., 3) by the shoulder of Khronos PBR Neutral: float32 in [0,
+    1].
 
-    Parameters
-    ----------
-    color_linear : ndarray, (..., 3)
-        Exposed linear Rec. 709, unbounded; what is negative counts as none.
-
-    Returns
-    -------
-    ndarray of float32, (..., 3)
-        Display-linear, in [0, 1].
-
-    Notes
-    -----
     The identity up to SHOULDER_START. Above it the largest channel runs into 1 along a hyperbola with a continuous
-    slope, and the colour moves towards white without a shift in hue. The published mapper also subtracts F_90 = 4%,
-    the mirror reflection of a glossy dielectric; diffuse radiance has none, so F_90 = 0 here.
-    Source: github.com/KhronosGroup/ToneMapping, PBR_Neutral, specification.
+    slope, and the colour moves towards white without a shift in hue. The published mapper also subtracts F_90 = 4%, the
+    mirror reflection of a glossy dielectric; diffuse radiance has none, so F_90 = 0 here. Source:
+    github.com/KhronosGroup/ToneMapping, PBR_Neutral, specification.
     """
     color = np.maximum(np.asarray(color_linear, np.float32), 0.0)
     peak = color.max(axis=-1)
@@ -72,16 +49,5 @@ def compress_highlights(color_linear: Radiance) -> NDArray[np.float32]:
 
 
 def tone_map(color_linear: Radiance) -> NDArray[np.float32]:
-    """Return display colours: `compress_highlights`, then the sRGB curve.
-
-    Parameters
-    ----------
-    color_linear : ndarray, (..., 3)
-        Exposed linear Rec. 709, unbounded.
-
-    Returns
-    -------
-    ndarray of float32, (..., 3)
-        sRGB, in [0, 1].
-    """
+    """Return sRGB (..., 3) float32 in [0, 1] of exposed linear colours: `compress_highlights`, then the sRGB curve."""
     return srgb_from_linear(compress_highlights(color_linear))

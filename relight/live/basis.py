@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Floats
+from splat2mesh.base.threads import in_batches
 
 from ..light.environment import Environment
 from ..light.skies import BUILTIN
@@ -28,8 +29,6 @@ EVEN = 0.3
 
 TURNS = 32
 """Angles whose mean is exact for products of BANDS bands."""
-
-_BATCH = 1 << 14
 
 
 class Basis(NamedTuple):
@@ -81,14 +80,18 @@ def reduced(
     size = np.sqrt(np.maximum(size, 1e-9 * size.max()))
     ahead, back = (axes * size) @ axes.T, (axes / size) @ axes.T
     weighed = np.zeros((len(values), COEFFICIENTS * 3), np.float32)
-    for start in range(0, len(values), _BATCH):
-        part = slice(start, start + _BATCH)
+
+    def weigh(part: slice) -> None:
         weighed[part] = np.einsum("jk,vkc->vjc", ahead, values[part], optimize=True).reshape(-1, COEFFICIENTS * 3)
+
+    in_batches(weigh, len(values))
     mean, directions = principal(weighed, np.maximum(counts, 1e-9 * counts.max()), DIRECTIONS)
     rows = np.zeros((len(values), len(directions)), np.float32)
-    for start in range(0, len(values), _BATCH):
-        part = slice(start, start + _BATCH)
+
+    def project(part: slice) -> None:
         rows[part] = (weighed[part] - mean) @ directions.T
+
+    in_batches(project, len(values))
     shape = COEFFICIENTS, 3
     restored = np.einsum("jk,dkc->djc", back, directions.reshape(-1, *shape))
     return rows, Basis((back @ mean.reshape(shape)).astype(np.float32), restored.astype(np.float32))

@@ -12,22 +12,20 @@ from ..light import CAPTURED, SUN_TOLERANCE
 from ..light.environment import Environment
 from ..light.pooling import pooled
 from ..light.projections import texel_directions
-from ..light.sun_split import split
+from ..light.sun_split import GRID, split
 from ..light.suns import Suns
 from ..sh import harmonics
 from .harmonics import about_y, evaluate
 from .response import BANDS, LAMPS, SPREAD_BANDS, Response
 
-IMAGE = (64, 128)
+IMAGE = GRID
 """Rows and columns: texels of 2.8 degrees, much narrower than a lobe of 10 bands."""
 
 MOST_SUNS = 4
 """Most suns, since each costs the renderer a shadow map. The harmonics blur the remaining light."""
 
-
 NEAR_DEG = 3.0
 """Angle within which suns merge: half the width of a soft shadow edge of 10 bands."""
-
 
 LEAST_SUN = 0.1
 """Least share of the light on a facing surface for a visible shadow; weaker suns join the harmonics."""

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Directions
+from splat2mesh.base.threads import in_batches
 
 from ..splats.mirrored_places import as_mirrored
 
@@ -24,8 +25,6 @@ OWN_STEPS = 32.0
 
 VOLUME_STEPS = 63
 """Steps of the foliage share of a splat, in the six high bits of its kind."""
-
-_BATCH = 1 << 16
 
 
 class Surfaces(NamedTuple):
@@ -68,10 +67,12 @@ def surfaces(
     places, mirrored = means[lit], binding.mirrored
     if mirrored is not None:
         places[mirrored.rows] = mirrored.means
-    for start in range(0, len(places), _BATCH):
-        part = slice(start, start + _BATCH)
+
+    def measure(part: slice) -> None:
         gap = binding.surface.caster.closest(places[part]).points - places[part]
         lift[part] = np.einsum("nc,nc->n", gap @ frame.T, unit[part])
+
+    in_batches(measure, len(places))
     most = float(np.percentile(np.abs(lift), 99.0)) if len(lift) else 0.0
     step = max(most, 1e-9) / 127.0
     middle = np.median(ratio, axis=0) if len(ratio) else np.ones(3, np.float32)

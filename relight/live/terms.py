@@ -115,18 +115,8 @@ class Term(NamedTuple):
 
     def described(self) -> dict:
         """Its entry in live.json: dict, JSON-clean."""
-        return {
-            "kind": self.kind,
-            "name": self.name,
-            "color": self.color,
-            "place": self.place,
-            "runs": None if self.runs is None else len(self.runs),
-            "rows": None if self.runs is None else len(self.rows),
-            "peak": self.peak,
-            "steps": self.steps,
-            "mean": self.mean,
-            "error": self.error,
-        }
+        counts = (None, None) if self.runs is None else (len(self.runs), len(self.rows))
+        return self._asdict() | dict(zip(("runs", "rows"), counts, strict=True))
 
     def values(self, count: int) -> NDArray[np.float32]:
         """The decoded light ratio of `count` splats, (count, 3)."""

@@ -1,8 +1,8 @@
 """Files on the surrounding light: probes of it, and the changes that objects make to it."""
 
-from ..insert.probe import LightAround
+from ..insert.probe import LightAround, ProbedScene
 from .catcher_files import write_catcher
-from .probe_files import ProbedScene, write_probes
+from .probe_files import write_probes
 from .relit_splats import RelitSource
 from .subject import LitFolder, WrittenScene
 

@@ -21,8 +21,6 @@ DEFOCUS = 1.2
 
 PADDING = 8  # texels repeated across the seam, more than a cubic spline or the blur's centre reaches
 
-BATCH = 2**14  # directions of a formula at once: their arrays stay in the caches
-
 EDGE, NEAR_SUN = 20.0, np.radians(3.0)
 """Pixels from the horizon, and the angle from a sun, within which a built-in sky takes several samples a pixel."""
 
@@ -71,7 +69,7 @@ def _sky(name: str, directions: NDArray, turn_deg: float, exposure: float) -> ND
     def work(part: slice) -> None:
         shown[part] = _part_of_sky(name, _unturned(directions[part], turn_deg), exposure)
 
-    in_batches(work, len(directions), BATCH)
+    in_batches(work, len(directions))
     return shown
 
 

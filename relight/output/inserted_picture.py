@@ -3,7 +3,7 @@
 So splats before an object occlude it, and the edges of both are smooth.
 """
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,38 +40,35 @@ TOO_FAR, NOT_CAPTURED = 0.15, 0.15
 from one where the capture did not stand."""
 
 
-def with_objects(
-    splats: Splats,
-    inserted: "InsertedLight",
-    exposure: float,
-    view: View,
-    scene: Scene,
-    samples: int = SAMPLES,
-    floor: "FloorMirror | None" = None,
-) -> Splats:
-    """The splats with the objects as a view in the frame of the scene shows them, in the frame of the splats.
+class PictureAsked(NamedTuple):
+    """A picture to take. view: in the frame of the scene. exposure: units of the picture per unit of the radiance.
+    samples: along the side of a pixel."""
 
-    samples: along the side of a pixel. floor: of `floor_under`, which shows images of the objects."""
-    put_in = inserted.splats_put_in(exposure)
+    scene: Scene
+    view: View
+    exposure: float
+    samples: int = SAMPLES
+
+
+def with_objects(
+    splats: Splats, inserted: "InsertedLight", asked: PictureAsked, floor: "FloorMirror | None" = None
+) -> Splats:
+    """The splats with the objects as a picture shows them, in the frame of the splats. floor: of `floor_under`, which
+    shows images of the objects."""
+    put_in = inserted.splats_put_in(asked.exposure)
     parts = [splats] if put_in is None else [splats, put_in]
-    parts += _drawn(inserted, exposure, view, scene, samples, None)
+    parts += _drawn(inserted, asked, None)
     if floor is not None:
-        parts += [] if put_in is None else [images_of(put_in, floor, scene)]
-        parts += _drawn(inserted, exposure, view, scene, samples, floor)
+        parts += [] if put_in is None else [images_of(put_in, floor, asked.scene)]
+        parts += _drawn(inserted, asked, floor)
     return joined(parts)
 
 
-def _drawn(
-    inserted: "InsertedLight",
-    exposure: float,
-    view: View,
-    scene: Scene,
-    samples: int,
-    floor: "FloorMirror | None",
-) -> list[Splats]:
-    """Splats on the meshes among the objects that a view shows, frame of the splats; none where it shows none.
+def _drawn(inserted: "InsertedLight", asked: PictureAsked, floor: "FloorMirror | None") -> list[Splats]:
+    """Splats on the meshes among the objects that a picture shows, frame of the splats; none where it shows none.
 
     floor: that shows images of them, which are drawn instead."""
+    scene, view, exposure, samples = asked
     standing, frame = inserted.standing, inserted.standing.frame
     eye, points = view.center, standing.vertices.astype(np.float64)
     if floor is not None:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from splat2mesh.scene.drawn import Drawn
 from splat2mesh.scene.glb import Glb, matt_white
 
-from ..transfer.nine import COUNT
+from ..transfer import FEW_BANDS
 from .gloss_map import coordinates, glossy_white
 from .lamps_glb import ShownLight, add_lamps
 from .mesh_files import unit_normals
@@ -82,7 +82,7 @@ def described(light: "Environment", exposure: float) -> dict:
     unturned = light.rotated(-light.rotation_deg)
     return {
         "version": FORMAT_VERSION,
-        "coefficients": COUNT,
+        "coefficients": FEW_BANDS**2,
         "exposure": float(exposure),
         "light": {
             "name": light.name,

@@ -13,6 +13,7 @@ from splat2mesh.scene.drawn import Drawn
 from splat2mesh.splats.splats import Splats
 
 from ..light.tonemap import compress_highlights
+from ..splats.floaters import NEAR
 from .backdrop import behind, is_even, is_soft
 from .catcher import Catcher, GroundLight
 from .inset import add_inset
@@ -29,16 +30,11 @@ if TYPE_CHECKING:
 FINE = 2
 """Samples along a pixel's side of what is behind: a horizon and a sun have smooth edges."""
 
-BATCH = 2**12  # pixels of the background at once: their arrays stay in the caches
-
 PLAIN = 0.62
 """Display value of the background without a known light: no surface is as even."""
 
 HIDDEN = 1e-3
 """Part of what is behind that a pixel of splats may let through unseen: a quarter of a step of a byte."""
-
-NEAR = 0.002
-"""Near plane of the splats, in diagonals of the scene."""
 
 EDGE_PERCENT = 5.0
 """Percentile of the vertices' coordinates at which the floor of a room lies and its walls stand: what windows show
@@ -162,7 +158,7 @@ class RelitPicture:
 
         if len(rows):
             work(slice(1))  # what is found once, by one thread
-            in_batches(work, len(rows), BATCH)
+            in_batches(work, len(rows))
         return image
 
     def _toward(self, rows: NDArray, columns: NDArray, samples: int) -> NDArray[np.float32]:

@@ -10,11 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.errors import InputError
-from splat2mesh.render.raycaster import RayCaster
+from splat2mesh.render.raycaster import RayCaster, corner_weights
 from splat2mesh.render.view import View
 from splat2mesh.scene.color import bytes_from_unit, linear_from_srgb, srgb_from_linear
 
 from ..light.tonemap import compress_highlights
+from ..transfer.occluder import BATCH_RAYS
+from ..transfer.sampling import GOLDEN_TURN
 from .mesh_files import check_radiance
 
 if TYPE_CHECKING:
@@ -25,11 +27,8 @@ if TYPE_CHECKING:
 
 _FIELD_OF_VIEW_DEG = 40.0
 _AZIMUTH_DEG, _ELEVATION_DEG = 30.0, 20.0  # three-quarter view: from +z, turned towards +x, slightly above
-_RAYS_AT_ONCE = 2**19  # bounds the memory of large pictures
 NOWHERE = 1e10
 """Depth of rays without a hit: far beyond any scene, and a number that all programs read."""
-
-_GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
 
 class Preview:
@@ -176,8 +175,8 @@ def _split(view: View, samples: int) -> Iterator[tuple[slice, View]]:
     mean is the pixel's centre.
     """
     step = np.arange(samples) - 0.5 * (samples - 1)
-    offsets = np.stack([step / samples, (step * _GOLDEN + 0.5) % 1.0 - 0.5], axis=1)
-    band = max(1, _RAYS_AT_ONCE // view.width)
+    offsets = np.stack([step / samples, (step * GOLDEN_TURN + 0.5) % 1.0 - 0.5], axis=1)
+    band = max(1, BATCH_RAYS // view.width)
     for top in range(0, view.height, band):
         rows = slice(top, min(top + band, view.height))
         for dx, dy in offsets:
@@ -201,6 +200,4 @@ def _cast(raycaster: RayCaster, view: View) -> tuple[NDArray[np.bool_], NDArray[
     rays[:, :3], rays[:, 3:] = view.center, directions
     found = raycaster.first_hits(rays)
     hit = found.faces >= 0
-    uv = found.uv[hit]
-    weights = np.column_stack([1.0 - uv.sum(axis=1), uv])
-    return hit, found.faces[hit], weights
+    return hit, found.faces[hit], corner_weights(found.uv[hit])

@@ -2,24 +2,21 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Vector
 from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
-from splat2mesh.scene.scene import Scene
-from splat2mesh.splats.splats import Splats
 
-from ..insert.probe import LightAround, probe, usual_place
+from ..insert.probe import ProbedScene, usual_place
 from ..insert.probe_grid import ProbeGrid
 from ..light.environment import Environment
 from ..light.tonemap import compress_highlights
 from ..sh import harmonics
-from ..transfer.occluder import Occluder
+from ..transfer import FEW_BANDS
 from .images import write_exr, write_png
-from .probe_set import BANDS, irradiance_of, places_of, write_probe_set
+from .probe_set import irradiance_of, places_of, write_probe_set
 
 BALL = 360
 """Side of the picture of a ball, in pixels."""
@@ -29,20 +26,6 @@ GREY = 0.5
 
 ROWS_OF_GRID = 64
 """Size of the pictures of a grid's probes: enough for nine harmonics."""
-
-
-class ProbedScene(NamedTuple):
-    """Relit splats and their scene in a light, where probes stand. exposure: display value per unit of radiance."""
-
-    splats: Splats
-    scene: Scene
-    occluder: Occluder
-    light: LightAround
-    exposure: float
-
-    def picture(self, place: Vector, *rows: int) -> NDArray[np.float32]:
-        """The lat-long picture of the light at a place, frame of the splats."""
-        return probe(*self, place, *rows)
 
 
 def write_probes(
@@ -80,6 +63,6 @@ def balls(image: NDArray[np.float32]) -> NDArray[np.uint8]:
     plain = np.full((BALL, BALL, 3), 0.02, np.float32)
     chrome, grey = plain.copy(), plain.copy()
     chrome[inside] = environment.lookup(mirrored[inside])
-    received = harmonics.evaluate(normal[inside], BANDS) @ irradiance_of(image)
+    received = harmonics.evaluate(normal[inside], FEW_BANDS) @ irradiance_of(image)
     grey[inside] = GREY * np.maximum(received, 0.0).astype(np.float32)
     return bytes_from_unit(srgb_from_linear(compress_highlights(np.concatenate([chrome, grey], axis=1))))

@@ -16,14 +16,12 @@ from splat2mesh.scene.scene import Scene
 from ..insert.probe_grid import ProbeGrid, free, usual_box
 from ..light.environment import Environment
 from ..sh import harmonics
+from ..transfer import FEW_BANDS
 from ..transfer.occluder import Occluder
 
 FORMAT, VERSION = "relight-probes", 1
 
 NAME = "probes/probes.json"
-
-BANDS = 3
-"""Engines take nine coefficients."""
 
 DIGITS = 6
 """Significant digits of numbers in the file: nearly those of float32."""
@@ -44,7 +42,7 @@ def places_of(grid: ProbeGrid | None, given: Sequence[Vector], scene: Scene) -> 
 
 def irradiance_of(image: NDArray[np.float32]) -> NDArray[np.float64]:
     """Coefficients (9, 3) of irradiance over pi by the normal, of a lat-long picture of radiance."""
-    return np.asarray(harmonics.convolve(Environment(image, "probe").sh(BANDS)) / np.pi)
+    return np.asarray(harmonics.convolve(Environment(image, "probe").sh(FEW_BANDS)) / np.pi)
 
 
 def write_probe_set(

@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.beside import Beside
 from splat2mesh.base.outputs import staged_file
+from splat2mesh.scene.drawn import Drawn
+from splat2mesh.scene.mesh import Mesh
+from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.splats import Splats
 
 from ..insert.shadowed import ShadowedSplats
@@ -20,11 +23,10 @@ from .clean_files import CleanFiles
 from .engine_files import EngineFiles
 from .images import write_png
 from .inserted_glb import inserted_glb
-from .inserted_picture import camera_of, with_objects
+from .inserted_picture import PictureAsked, camera_of, with_objects
 from .joined_splats import append_splats
 from .kinds import FILES, OUTPUTS, PICTURE_SIZE, SHEET, written_by
 from .live_files import LiveFiles
-from .object_picture import mesh_with_objects
 from .offered_lights import offered_pictures
 from .pass_files import PassFiles
 from .picture import RelitPicture
@@ -169,8 +171,7 @@ class Results:
         light = shaded.sky
         radiance = shaded.shading.radiance / shaded.inserted.ratio
         if self._splats is None:
-            exposure = shaded.exposure
-            return lambda pose: mesh_with_objects(self._scene, radiance, pose, camera, PICTURE_SIZE, light, exposure)
+            return lambda pose: self._mesh_with(pose, radiance, camera, light, shaded.exposure)
         floor = self._relit.floor_under(shaded.inserted, shaded.exposure)
         bound = ShadowedSplats(poses, self._relit.without_objects(shaded), floor)
         picture = self._new_picture(camera)
@@ -180,12 +181,32 @@ class Results:
 
         return drawn
 
+    def _mesh_with(
+        self,
+        pose: "InsertedLight",
+        radiance: NDArray[np.float32],  # (V, 3) of the scene without the objects
+        camera: dict[str, Any],
+        light: "Environment | None",
+        exposure: float,
+    ) -> NDArray[np.uint8]:
+        """A picture of the mesh with objects, and what these change of its light."""
+        standing, drawn = pose.standing, Drawn(self._scene)
+        colors = np.zeros(standing.vertices.shape, np.uint8)
+        objects = Mesh(standing.vertices, standing.normals, standing.faces, colors)
+        both = np.concatenate([drawn.colors(radiance * pose.ratio), pose.radiance])
+        frame, capture = self._scene.scene_from_splat, self._scene.capture
+        shown = Scene([*drawn.scene.chunks, objects], scene_from_splat=frame, capture=capture)
+        picture = RelitPicture(shown, camera, PICTURE_SIZE)
+        return np.asarray(picture.of_vertices(both, light, exposure, inset=False), np.uint8)
+
     def _of_splats(self, picture: Any, relit: Splats, shaded: "Shaded") -> NDArray[np.uint8]:
         """A picture of relit splats with the inserted objects."""
         light = self._behind(shaded)
         if shaded.inserted is not None:
             floor = self._relit.floor_under(shaded.inserted, shaded.exposure)
-            relit = with_objects(relit, shaded.inserted, shaded.exposure, picture.view, self._scene, floor=floor)
+            relit = with_objects(
+                relit, shaded.inserted, PictureAsked(self._scene, picture.view, shaded.exposure), floor
+            )
         return picture.of_splats(relit, light, shaded.exposure * shaded.backdrop)
 
     def _new_picture(self, camera: dict[str, Any] | None) -> RelitPicture:

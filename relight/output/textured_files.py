@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from splat2mesh.base.outputs import staged_file
 from splat2mesh.base.strictjson import text_of
 from splat2mesh.texture.glb import add_cards, textured_glb
 
+from ..transfer import FEW_BANDS
 from .images import png_bytes, write_exr, write_png
 
 if TYPE_CHECKING:
@@ -21,29 +22,32 @@ if TYPE_CHECKING:
 
     from ..texture.baking import Baked
 
-TRANSFER_BANDS = 3
-"""Bands of the transfer in images: nine numbers in three RGB pictures. An unshadowed diffuse surface gets 1% of its
-brightness from higher bands (Ramamoorthi, Hanrahan 2001); what shadows add in them is lost."""
+
+class Skin(NamedTuple):
+    """A texture of a scene and what it shows. picture: JPEG or PNG of (size, size, 3) sRGB. gloss: (V, 2) roughness and
+    metalness of the vertices; matt without."""
+
+    baked: "Baked"
+    picture: bytes
+    gloss: NDArray[np.float32] | None = None
 
 
 def write_textured_glb(
     path: str | Path,
     scene: "Scene",
-    baked: "Baked",
-    picture: bytes,  # JPEG or PNG of (size, size, 3) sRGB
+    skin: Skin,
     unlit: bool = True,  # shown unlit; False: lit by the viewer, as a matt surface
     extras: dict | None = None,  # dict of JSON values, kept in the glTF scene's `extras`
-    gloss: NDArray[np.float32] | None = None,  # (V, 2) roughness and metalness of the vertices; matt without
     others: "Sequence[tuple[Mesh, NDArray[np.float32]]]" = (),  # without a texture, with (V, 3) linear colours
 ) -> None:
     """Write the scene as binary glTF 2.0: a mesh per chunk with TEXCOORD_0, one material, the picture inside.
 
-    Vertices stand in the order of `baked.atlas`; on seams of the texture there are several of one scene vertex. The
-    same input gives the same bytes.
+    Vertices stand in the order of the atlas; on seams of the texture there are several of one scene vertex. The same
+    input gives the same bytes.
     """
-    pictures = [picture] if gloss is None else [picture, png_bytes(_gloss_image(baked.atlas, gloss))]
-    material = "relit" if unlit else "albedo"
-    file = textured_glb(scene, baked.atlas, pictures, len(scene.chunks), material, unlit)
+    atlas, gloss = skin.baked.atlas, skin.gloss
+    pictures = [skin.picture] if gloss is None else [skin.picture, png_bytes(_gloss_image(atlas, gloss))]
+    file = textured_glb(scene, atlas, pictures, len(scene.chunks), "relit" if unlit else "albedo", unlit)
     add_cards(file, others, unlit)
     file.save(path, extras)
 
@@ -60,21 +64,21 @@ def write_transfer(
     Returns the names of the files. Raises InputError for another shape.
     """
     transfer, atlas = np.asarray(transfer), baked.atlas
-    if transfer.ndim != 2 or len(transfer) != atlas.vertices or transfer.shape[1] < TRANSFER_BANDS**2:
+    if transfer.ndim != 2 or len(transfer) != atlas.vertices or transfer.shape[1] < FEW_BANDS**2:
         raise InputError(f"transfer images need ({atlas.vertices}, 9) coefficients or more, found {transfer.shape}")
-    values = atlas.interpolate(transfer[:, : TRANSFER_BANDS**2])
+    values = atlas.interpolate(transfer[:, : FEW_BANDS**2])
     folder = Path(folder)
     names = []
-    for index in range(TRANSFER_BANDS):
+    for index in range(FEW_BANDS):
         names.append(f"transfer_{index}.exr")
         image = atlas.image(values[:, 3 * index : 3 * index + 3].astype(np.float16))
         write_exr(folder / names[-1], {"RGB": image})
     names.append("albedo.png")
     write_png(folder / names[-1], baked.relit())
     facts = {
-        "images": names[:TRANSFER_BANDS],
+        "images": names[:FEW_BANDS],
         "albedo": "albedo.png",
-        "bands": TRANSFER_BANDS,
+        "bands": FEW_BANDS,
         "order": "image i holds coefficients 3 i, 3 i + 1, 3 i + 2 in R, G, B; index l (l + 1) + m",
         "basis": "real, orthonormal, all-positive",
         "scale": 1.0,

@@ -18,7 +18,7 @@ from .images import png_bytes
 from .lamps_glb import PlacedLamps, add_lamps
 from .relit_splats import RelitSource
 from .subject import LitFolder, WrittenScene
-from .textured_files import write_textured_glb, write_transfer
+from .textured_files import Skin, write_textured_glb, write_transfer
 
 if TYPE_CHECKING:
     from splat2mesh.scene.mesh import Mesh
@@ -70,12 +70,12 @@ class SceneTextures:
         light = shaded.light
         with self._stages.stage("write"):
             extras = {"environment": light.name, "angle_deg": light.rotation_deg, "exposure": shaded.exposure}
-            others, picture = self._without_texture(self._shown(shaded)), png_bytes(self.picture(shaded))
-            write_textured_glb(folder / FILES[0], part.scene, baked, picture, extras=extras, others=others)
+            others, skin = self._without_texture(self._shown(shaded)), Skin(baked, png_bytes(self.picture(shaded)))
+            write_textured_glb(folder / FILES[0], part.scene, skin, extras=extras, others=others)
             gloss = None if self._written.gloss is None else self._written.gloss.roughness(self._appearance)
             gloss = None if gloss is None else part.values(gloss)
-            others, picture = self._without_texture(self._written.albedo), png_bytes(baked.relit())
-            write_textured_glb(folder / FILES[1], part.scene, baked, picture, False, gloss=gloss, others=others)
+            others, skin = self._without_texture(self._written.albedo), Skin(baked, png_bytes(baked.relit()), gloss)
+            write_textured_glb(folder / FILES[1], part.scene, skin, False, others=others)
             names = list(FILES)
             if "transfer" in self._written.asked.baked:
                 names += write_transfer(folder, baked, part.values(self._relighter.transfer))

@@ -16,6 +16,7 @@ from splat2mesh.base.outputs import staged_file
 from splat2mesh.splats.placing import placed
 from splat2mesh.splats.splats import Splats
 
+from ..lamps import usd_lights
 from ..lamps.export import define_lamps
 from .images import write_exr
 from .lamps_glb import ShownLight
@@ -82,21 +83,12 @@ def write_usd(
 
 
 def library() -> Any:
-    """The modules of usd-core that are used. Raises InputError where they lack or are too old."""
-    try:
-        from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux, UsdShade, UsdVol, Vt
-    except ImportError:
-        raise InputError('USD needs usd-core: pip install "splat2mesh[usd]"') from None
-    if not hasattr(UsdVol, "ParticleField3DGaussianSplat"):
-        found = ".".join(map(str, Usd.GetVersion()[1:]))
+    """The modules of usd-core. Raises InputError where they lack or are too old."""
+    pxr = usd_lights.library()
+    if not hasattr(pxr.UsdVol, "ParticleField3DGaussianSplat"):
+        found = ".".join(map(str, pxr.Usd.GetVersion()[1:]))
         raise InputError(f"USD knows splats from 26.03 on, found usd-core {found}: pip install --upgrade usd-core")
-
-    class SceneLibrary:
-        pass
-
-    for module in (Gf, Sdf, Usd, UsdGeom, UsdLux, UsdShade, UsdVol, Vt):
-        setattr(SceneLibrary, module.__name__.rpartition(".")[2], module)
-    return SceneLibrary
+    return pxr
 
 
 def _define_splats(pxr: Any, stage: Any, looks: Mapping[str, Splats]) -> None:

@@ -5,8 +5,8 @@ write_relit_ply("relit_splat.ply", binding.relit(before, after), "point_cloud.pl
 """
 
 from .albedo import albedo_splats, normals_of
-from .binding import Binding, relit
-from .sky import SKIES, shown_as_sky, under_sky
+from .binding import Binding
+from .sky import SKIES, shown_as_sky
 from .write import write_relit_ply
 
-__all__ = ["SKIES", "Binding", "albedo_splats", "normals_of", "relit", "shown_as_sky", "under_sky", "write_relit_ply"]
+__all__ = ["SKIES", "Binding", "albedo_splats", "normals_of", "shown_as_sky", "write_relit_ply"]

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from splat2mesh.base.arrays import Directions, Faces, Floats, Integers, Points
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.threads import in_batches
-from splat2mesh.render.raycaster import RayCaster
+from splat2mesh.render.raycaster import RayCaster, corner_weights
 from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.splats import Splats
 
@@ -41,8 +41,6 @@ surface are nearer: 99% within 0.024 to 0.031."""
 
 PATCHES = 8
 """Along the longest side of the box, for those means."""
-
-_BATCH = 1 << 16
 
 
 class Surface:
@@ -195,8 +193,7 @@ class Places:
         def ask(rows: slice) -> None:
             means = splats.means[rows]
             corners = surface.faces[touching.faces[rows]]
-            second, third = np.clip(touching.uv[rows], 0.0, 1.0).T
-            shares = np.stack([np.maximum(1.0 - second - third, 0.0), second, third], axis=1)
+            shares = corner_weights(np.clip(touching.uv[rows], 0.0, 1.0))
             touched = np.linalg.norm(touching.points[rows] - means, axis=1)
             distance, index = tree.query(means, nearest)
             distance, index = distance.reshape(len(means), -1), index.reshape(len(means), -1)
@@ -211,7 +208,7 @@ class Places:
             self.weights[rows, 3 : 3 + nearest] = around / total
             self.far[rows] = 1.0 - 1.0 / (1.0 + (touched / (FAR * surface.diagonal)) ** 4)
 
-        in_batches(ask, count, _BATCH)
+        in_batches(ask, count)
 
     def interpolate(self, values: Floats) -> NDArray[np.float32]:
         """(M, C) float32 of nodes -> (N, C) float32 of Gaussians."""
@@ -221,14 +218,14 @@ class Places:
         def mix(rows: slice) -> None:
             result[rows] = np.einsum("nk,nkc->nc", self.weights[rows], values[self.columns[rows]])
 
-        in_batches(mix, len(result), _BATCH)
+        in_batches(mix, len(result))
         lost = np.flatnonzero(self.far > 1e-3)  # less than that is no step of a display
 
         def fade(part: slice) -> None:
             rows = lost[part]
             result[rows] += self.far[rows, None] * (patches.seen_from(self._means[rows]) - result[rows])
 
-        in_batches(fade, len(lost), _BATCH)
+        in_batches(fade, len(lost))
         return result
 
 

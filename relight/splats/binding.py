@@ -287,20 +287,6 @@ class Binding:
         return virtual_views(sketch, VIEWS, PIXELS, up / np.linalg.norm(up), seed)
 
 
-def relit(
-    splats: Splats,
-    scene: Scene,
-    before: Radiance,
-    after: Radiance,
-    exposure: float = 1.0,
-    views: Sequence[View] | None = None,
-    rounds: int = ROUNDS,
-    seed: int = 0,
-) -> Splats:
-    """Bind splats and relight them in one call. Keep a `Binding` for several lights: it does most of the work once."""
-    return Binding(splats, scene, views, seed).relit(before, after, exposure, rounds)
-
-
 def _key(splats: Splats, scene: Scene, volume: Floats) -> str:
     """Key that distinguishes this binding from others on the same geometry."""
     shown = splats.means, splats.scales, splats.quats_wxyz, splats.opacities, splats.sh[:, 0]

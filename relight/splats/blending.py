@@ -81,17 +81,7 @@ class Blending(NamedTuple):
     def drawn(self, colors: NDArray[np.float32]) -> NDArray[np.float32]:
         """The pixels, (P, 3) float32 over black, of Gaussians of colours (N, 3) float32."""
         picture = np.zeros((AREA * (len(self.runs) - 1), 3), np.float32)
-        _draw(
-            len(self.runs) - 1,
-            self.runs,
-            self.items,
-            self.splats,
-            self.counts,
-            self.pixels,
-            self.shares,
-            colors,
-            picture,
-        )
+        _draw(len(self.runs) - 1, *self[1:], colors, picture)
         return picture
 
     def spread(self, values: NDArray[np.float32], sums: NDArray[np.float32]) -> None:
@@ -101,7 +91,7 @@ class Blending(NamedTuple):
             seen = np.zeros((end - begin, values.shape[1]), np.float32)
             lists = self.runs, self.items, self.counts, self.pixels, self.shares
             (_gather_rgb if values.shape[1] == 3 else _gather)(last - first, first, *lists, values, seen)
-            add_to(self.splats[begin:end], seen, sums)
+            _add_to(self.splats[begin:end], seen, sums)
 
 
 Visit: TypeAlias = Callable[[int, NDArray[np.float32], NDArray[np.float32]], Mask | None]
@@ -148,33 +138,16 @@ def _draw(
     picture: NDArray[np.float32],
 ) -> None:
     for tile in range(begin, end):
-        part = picture[tile * AREA : (tile + 1) * AREA]
-        draw_tile(tile, runs, items, splats, counts, pixels, shares, colors, part)
-
-
-@kernel
-def draw_tile(
-    tile: int,
-    runs: NDArray[np.int64],
-    items: NDArray[np.int64],
-    splats: NDArray[np.int32],
-    counts: NDArray[np.uint16],
-    pixels: NDArray[np.uint8],
-    shares: NDArray[np.uint8],
-    colors: NDArray[np.float32],
-    picture: NDArray[np.float32],
-) -> None:
-    """Add one tile of a Blending to its picture (AREA, 3 or more), of colours (N, 3)."""
-    at = items[tile]
-    for run in range(runs[tile], runs[tile + 1]):
-        k = splats[run]
-        red, green, blue = colors[k, 0], colors[k, 1], colors[k, 2]
-        for i in range(at, at + counts[run]):
-            p, share = np.int64(pixels[i]), SHARES[shares[i]]
-            picture[p, 0] += share * red
-            picture[p, 1] += share * green
-            picture[p, 2] += share * blue
-        at += counts[run]
+        part, at = picture[tile * AREA : (tile + 1) * AREA], items[tile]
+        for run in range(runs[tile], runs[tile + 1]):
+            k = splats[run]
+            red, green, blue = colors[k, 0], colors[k, 1], colors[k, 2]
+            for i in range(at, at + counts[run]):
+                p, share = np.int64(pixels[i]), SHARES[shares[i]]
+                part[p, 0] += share * red
+                part[p, 1] += share * green
+                part[p, 2] += share * blue
+            at += counts[run]
 
 
 @shared
@@ -237,7 +210,7 @@ def _gather_rgb(
 
 
 @kernel
-def add_to(splats: NDArray[np.int32], seen: NDArray[np.float32], sums: NDArray[np.float32]) -> None:
+def _add_to(splats: NDArray[np.int32], seen: NDArray[np.float32], sums: NDArray[np.float32]) -> None:
     """Add what runs have seen, (R, C), to the sums (N, C) of their Gaussians (R,)."""
     for run in range(len(splats)):
         for c in range(sums.shape[1]):

@@ -34,7 +34,7 @@ BURNING = 0.926
 """Linear value above which the colour of a Gaussian itself is rolled off: to that the light ratio brings what calls for
 1, so that nothing is compressed twice."""
 
-_DARKEST = 1e-4  # a captured linear colour below a third of an sRGB byte carries no information on non-diffuse light
+DARKEST = 1e-4  # a captured linear colour below a third of an sRGB byte carries no information on non-diffuse light
 _LEAST_ROOM = 1e-3  # what was captured white stays white
 
 
@@ -90,7 +90,7 @@ def log_gain(
     shown, start = ratio * captured, np.maximum(SHOULDER_START, captured)
     room = np.maximum(1.0 - start, _LEAST_ROOM)
     rolled = start - room * np.expm1(-np.maximum(shown - start, 0.0) / room)
-    ratio = np.where(shown > start, rolled / np.maximum(captured, _DARKEST), ratio)
+    ratio = np.where(shown > start, rolled / np.maximum(captured, DARKEST), ratio)
     logs = np.log(np.clip(ratio, LEAST, MOST)) / CURVE_POWER
     mean = shares @ logs / shares.sum() if mean is None else mean
     return logs.astype(np.float32), mean.astype(np.float32)
@@ -162,7 +162,7 @@ def _linear(shown: Floats) -> Floats:
 
 def _excess(captured: Radiance, before: Radiance) -> Floats:
     """Share (V, 3) of a captured colour that exceeds what arrived."""
-    return np.where(captured > _DARKEST, np.maximum(captured - before, 0.0) / np.maximum(captured, _DARKEST), 0.0)
+    return np.where(captured > DARKEST, np.maximum(captured - before, 0.0) / np.maximum(captured, DARKEST), 0.0)
 
 
 def _checked(values: ArrayLike, name: str) -> NDArray[np.float64]:

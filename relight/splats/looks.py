@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from splat2mesh.base.arrays import Faces, Floats, Mask
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.threads import in_batches
+from splat2mesh.render.raycaster import corner_weights
 from splat2mesh.render.screentiles import AREA
 from splat2mesh.render.view import View
 from splat2mesh.splats.splats import SH_C0, Splats
@@ -16,7 +17,6 @@ from splat2mesh.splats.splats import SH_C0, Splats
 from .attachment import Surface
 from .blend_lists import in_tiles
 from .blending import Blending, blending_of
-from .fit_rounds import FitRounds
 from .light_ratio import CURVE_OFFSET
 from .packed_pixels import packed, unpacked
 
@@ -36,9 +36,6 @@ CAUTION = 0.5
 
 UV_PARTS = np.float32(65535)
 """Weights of corners are whole parts of it: next to the noise of a mesh that is nothing."""
-
-_BATCH = 1 << 18
-"""Pixels."""
 
 
 class Looks(NamedTuple):
@@ -132,19 +129,25 @@ class Looks(NamedTuple):
         shown, wanted = _shown_colors(before), np.empty((len(self.known), 3), np.float32)
 
         def gain(rows: slice) -> None:
-            second, third = self.uv[rows].T
-            weights = np.stack([1.0 - second - third, second, third], axis=1)
-            wanted[rows] = np.expm1(np.einsum("nk,nkc->nc", weights, of_nodes[self.corners[rows]]))
+            wanted[rows] = np.expm1(
+                np.einsum("nk,nkc->nc", corner_weights(self.uv[rows]), of_nodes[self.corners[rows]])
+            )
 
-        in_batches(gain, len(wanted), _BATCH)
-        fit, seen = FitRounds.of(self.blending, self.known), np.zeros((len(relit), 1), np.float32)
-        fit.begin(shown + np.float32(CURVE_OFFSET), wanted, seen)
-        moved = np.zeros_like(relit)
+        in_batches(gain, len(wanted))
+        wanted *= self.blending.drawn(shown + np.float32(CURVE_OFFSET))[self.known]
+        seen, moved = self._spread(np.ones((len(wanted), 1), np.float32), len(relit)), np.zeros_like(relit)
         for _ in range(rounds):
-            sums = np.zeros_like(relit)
-            fit.spread(_shown_colors(relit + moved) - shown, wanted, sums)
-            moved += sums / (seen + CAUTION) / SH_C0
+            lacking = wanted - self.blending.drawn(_shown_colors(relit + moved) - shown)[self.known]
+            moved += self._spread(lacking, len(relit)) / (seen + CAUTION) / SH_C0
         return moved
+
+    def _spread(self, values: NDArray[np.float32], count: int) -> NDArray[np.float32]:
+        """The sums (N, C) of the shares that Gaussians have of values (Q, C) of the known pixels."""
+        pixels = np.zeros((AREA * (len(self.blending.runs) - 1), values.shape[1]), np.float32)
+        pixels[self.known] = values
+        sums = np.zeros((count, values.shape[1]), np.float32)
+        self.blending.spread(pixels, sums)
+        return sums
 
 
 def _shown_colors(constant: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -1,14 +1,16 @@
 """What stands above a plane, mirrored at it, against what lies and shows below: the evidence for a mirror world."""
 
 from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from splat2mesh.base.arrays import Directions, Mask, Points
+from splat2mesh.base.arrays import Directions, Faces, Mask, Points
 from splat2mesh.render.rasterize import rasterize
-from splat2mesh.render.raycaster import RayCaster
+from splat2mesh.render.raycaster import RayCaster, corner_weights
 from splat2mesh.render.view import View
 from splat2mesh.scene.color import linear_from_srgb, luminance
 from splat2mesh.scene.scene import Scene
@@ -49,19 +51,27 @@ class SeenThrough(NamedTuple):
     share: float
 
 
+@dataclass(frozen=True, eq=False)
 class MirroredRoom:
     """A Scene of which the faces (F,) bool `above` stand above a plane, normal @ x = offset, of unit normal.
 
     eyes: (E, 3) of the capture. size: length that distances are compared with. Both in the frame of the scene.
     """
 
-    def __init__(
-        self, scene: Scene, above: Mask, normal: NDArray[np.float64], offset: float, eyes: Points, size: float
-    ) -> None:
-        self._scene, self.above, self.normal, self.offset = scene, above, normal, offset
-        self._eyes, self.size = eyes, size
-        self._faces = scene.faces[above]
-        self._caster = RayCaster(scene.vertices, self._faces)
+    scene: Scene
+    above: Mask
+    normal: NDArray[np.float64]
+    offset: float
+    eyes: Points
+    size: float
+
+    @cached_property
+    def _faces(self) -> Faces:
+        return self.scene.faces[self.above]
+
+    @cached_property
+    def _caster(self) -> RayCaster:
+        return RayCaster(self.scene.vertices, self._faces)
 
     def images(self, points: Points) -> bool:
         """Whether points (N, 3) below lie where images of the surfaces above lie."""
@@ -78,12 +88,12 @@ class MirroredRoom:
 
     def seen_through(self, splats: Splats, below: Mask) -> SeenThrough:
         """What the eyes see of the Splats of the scene that are below the plane, (N,) bool."""
-        matrix = np.asarray(self._scene.scene_from_splat, np.float64)
+        matrix = np.asarray(self.scene.scene_from_splat, np.float64)
         back = np.linalg.inv(matrix)
         upper, lower = splats.take(np.flatnonzero(~below)), splats.take(np.flatnonzero(below))
         near = NEAR * self.size * float(np.cbrt(abs(np.linalg.det(back[:3, :3]))))
         found, of_plane = [], 0
-        for eye, view in views_down(self._eyes, matrix, PIXELS):
+        for eye, view in views_down(self.eyes, matrix, PIXELS):
             rays = view.ray_directions().reshape(-1, 3) @ matrix[:3, :3].T
             rays /= np.linalg.norm(rays, axis=1, keepdims=True)
             far = (eye @ self.normal - self.offset) / np.maximum(-(rays @ self.normal), 1e-6)
@@ -132,7 +142,7 @@ class MirroredRoom:
         more eyes decide."""
         votes = np.zeros(len(points), np.int64)
         depth = self.offset - points @ self.normal
-        for eye in self._eyes:
+        for eye in self.eyes:
             high = eye @ self.normal - self.offset
             way = (high / np.maximum(high + depth, 1e-12))[:, None] * (points - eye)
             starts = np.broadcast_to(eye, way.shape)
@@ -146,14 +156,12 @@ class MirroredRoom:
         up = rays - 2.0 * (rays @ self.normal)[:, None] * self.normal
         hits = self._caster.first_hits(np.hstack([places, up]).astype(np.float32))
         rows = hits.faces >= 0
-        second, third = hits.uv[rows].T
-        shares = np.stack([1.0 - second - third, second, third], axis=1)
-        radiance = self._scene.colors_linear[self._faces[hits.faces[rows]]]
-        return rows, np.einsum("nk,nkc->nc", shares, radiance)
+        radiance = self.scene.colors_linear[self._faces[hits.faces[rows]]]
+        return rows, np.einsum("nk,nkc->nc", corner_weights(hits.uv[rows]), radiance)
 
     def _turned(self, points: Points, turn: int) -> Points:
         """Points (N, 3) turned about the vertical through the middle of the eyes."""
-        middle = np.median(self._eyes, axis=0)
+        middle = np.median(self.eyes, axis=0)
         return (points - middle) @ _turn(turn).T + middle
 
 

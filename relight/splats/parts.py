@@ -26,8 +26,6 @@ from .part_spec import AnyPart, PartSpec, Shares, SplatFile
 NEXT = 6
 """Splats next to one on a surface: so many circles touch one of their size in a plane."""
 
-_BATCH = 1 << 16
-
 
 @dataclass(frozen=True, eq=False)
 class AskedPart:
@@ -160,7 +158,7 @@ def _of_nearest(points: Points, of: Points, shares: Shares, itself: int = 0) -> 
         nearest = tree.query(points[rows], count)[1].reshape(-1, count)
         result[rows] = shares[nearest].sum(axis=1, dtype=np.float64) / (count - itself)
 
-    in_batches(ask, len(points), _BATCH)
+    in_batches(ask, len(points))
     return np.minimum(result, np.float32(1.0))
 
 

@@ -228,10 +228,31 @@ class FarSplats(NamedTuple):
 
     def under(self, relit: Splats, light: "Environment", factor: float) -> Splats:
         """Relit splats, in every row, with the sky of a light, turned as the scene is lit, of which they show `factor`
-        times the radiance. The captured light stays as it is, so many times as bright."""
+        times the radiance, or with opacity 0. The captured light stays as it is, so many times as bright. Raises
+        InputError for another choice than of SKIES, and for rows that are not there."""
         if isinstance(light, CapturedLight) and self.choice == "new":  # no lamp reaches that far
             return dimmed(relit, self.source, self.far, factor)
-        return under_sky(relit, self.rows, light, self.scene_from_splat, factor, self.choice, self.eye)
+        if self.choice not in SKIES:
+            raise InputError(f"the sky must be one of {', '.join(SKIES)}, found {self.choice!r}")
+        rows = self.rows
+        if self.choice == "keep" or not len(rows):
+            return relit
+        if not 0 <= rows.min() <= rows.max() < len(relit):
+            raise InputError(f"the scene's far background reaches to splat {rows.max()}, there are {len(relit)}")
+        if self.choice == "drop":
+            opacities = relit.opacities.copy()
+            opacities[rows] = 0.0
+            return replace(relit, opacities=opacities)
+        eye = self.eye
+        if eye is None:
+            near = np.delete(relit.means, rows, axis=0)
+            eye = np.median(near[np.isfinite(near).all(axis=1)], axis=0) if len(near) else np.zeros(3)
+        matrix = np.asarray(self.scene_from_splat, np.float64)[:3, :3]
+        shown = light.lookup((relit.means[rows] - eye) @ matrix.T) * np.float32(factor)
+        sh = relit.sh.copy()
+        sh[rows] = 0.0
+        sh[rows, 0] = (tone_map(shown) - np.float32(0.5)) / np.float32(SH_C0)
+        return replace(relit, sh=sh)
 
 
 def far_splats(
@@ -246,38 +267,6 @@ def far_splats(
     far = scene.background_splats if mirror is None else mirror.spared(scene.background_splats)
     rows = shown_as_sky(splats, scene, appearance, mirror, cache)
     return FarSplats(splats, rows, far, scene.scene_from_splat, choice)
-
-
-def under_sky(
-    splats: Splats,  # relit, every row of the source
-    rows: Indices,  # (M,) which of them are far background
-    environment: "Environment",  # turned as the scene is lit
-    scene_from_splat: ArrayLike,  # (4, 4)
-    exposure: float,  # shown = radiance * exposure
-    choice: str = "new",  # of SKIES; "keep" is for the caller not to ask
-    eye: Vector | None = None,  # (3,) from where they are seen, in the splats' frame; the middle of the others without
-) -> Splats:
-    """The Splats with the far ones in the new sky, or with opacity 0. Raises InputError for another choice
-    and for rows that are not there."""
-    if choice not in SKIES:
-        raise InputError(f"the sky must be one of {', '.join(SKIES)}, found {choice!r}")
-    if choice == "keep" or not len(rows):
-        return splats
-    if not 0 <= rows.min() <= rows.max() < len(splats):
-        raise InputError(f"the scene's far background reaches to splat {rows.max()}, there are {len(splats)}")
-    if choice == "drop":
-        opacities = splats.opacities.copy()
-        opacities[rows] = 0.0
-        return replace(splats, opacities=opacities)
-    if eye is None:
-        near = np.delete(splats.means, rows, axis=0)
-        eye = np.median(near[np.isfinite(near).all(axis=1)], axis=0) if len(near) else np.zeros(3)
-    matrix = np.asarray(scene_from_splat, np.float64)[:3, :3]
-    shown = environment.lookup((splats.means[rows] - eye) @ matrix.T) * np.float32(exposure)
-    sh = splats.sh.copy()
-    sh[rows] = 0.0
-    sh[rows, 0] = (tone_map(shown) - np.float32(0.5)) / np.float32(SH_C0)
-    return replace(splats, sh=sh)
 
 
 def dimmed(

@@ -12,13 +12,10 @@ from splat2mesh.base.arrays import Floats, Mask, Points
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.threads import in_batches
 
+from ..transfer.volume import LEAST
+
 NEIGHBORS = 48
 """Vertices of a volume that share a change of light; a patchwork of fewer is seen as blotches."""
-
-LEAST = 0.02
-"""Volume above which a vertex counts: less is a rounding of a surface."""
-
-_BATCH = 1 << 15
 
 
 class Neighborhoods:
@@ -45,7 +42,7 @@ class Neighborhoods:
             def ask(rows: slice) -> None:
                 self.near[rows] = np.sort(tree.query(asked[rows], count)[1], axis=1)  # one order, whatever the tree's
 
-            in_batches(ask, len(asked), _BATCH)
+            in_batches(ask, len(asked))
 
     def _require_same(self, near: NDArray[np.int32]) -> NDArray[np.int32]:
         """Return neighbours that were kept. Raises InputError unless they can be those of these nodes."""
@@ -67,5 +64,5 @@ class Neighborhoods:
             mean = (weight * own[near]).sum(axis=1) / weight.sum(axis=1)
             result[self._rows[asked]] += self._share[asked] * (mean - own[asked])
 
-        in_batches(share, len(self._asked), _BATCH)
+        in_batches(share, len(self._asked))
         return result

@@ -14,8 +14,10 @@ DEFAULT_RAYS = 128
 """With suns split off, errors against the full HDRI of .2 to .8% on three scenes under four lights; 10 bands and 256
 rays are at .1 to .7% for nearly twice the time, 5 bands and 64 rays at .3 to 1.7% for half of it (docs/light.md)."""
 
-GASH_BANDS = 3
-"""Bands of the method "neural-gash", at most: the paper's network has no more."""
+FEW_BANDS = 3
+"""Bands that shaders of other programs, pictures and the network of "neural-gash" hold: nine numbers. An unshadowed
+diffuse surface gets 1% of its brightness from higher ones (Ramamoorthi, Hanrahan 2001); what shadows add in them is
+lost."""
 
 MAX_RAYS = 2**16
 """Rays per vertex beyond which float32 sums, not the rays, limit the accuracy."""

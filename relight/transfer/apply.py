@@ -1,8 +1,8 @@
-"""The one product that a new light costs: radiance = max(transfer . light + other light, 0) x albedo, memory-bound.
+"""The one product that a new light costs: radiance = max(transfer . light + other light, 0), memory-bound.
 
 A transfer (V, K) is kept in blocks of 128 vertices, coefficient after coefficient: every load and every sum is then a
 whole vector, where rows of 9 numbers leave most of it unused. Each vertex is summed over k in one order, in its
-own lane: the bits depend neither on the number of threads nor on the requested part of the vertices.
+own lane: the bits do not depend on the number of threads.
 Against copying as many bytes in the same run, one product takes 1 to 2.5 times as long (docs/dynamic.md).
 """
 
@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from splat2mesh.base.arrays import Floats, Transfer
+from splat2mesh.base.arrays import Floats
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.threads import cores, over
 
@@ -29,7 +29,7 @@ PARALLEL_NUMBERS = 2**20
 class BlockTransfer:
     """A transfer, (V, K), ready to be applied to lights.
 
-    count, coefficients: V and K. nbytes: memory of it.
+    count, coefficients: V and K.
     """
 
     def __init__(
@@ -49,16 +49,6 @@ class BlockTransfer:
         if full < blocks:
             self._blocks[full, :, : self.count - full * BLOCK] = transfer[full * BLOCK :].T
 
-    @property
-    def nbytes(self) -> int:
-        return self._blocks.nbytes
-
-    @property
-    def transfer(self) -> Transfer:
-        """The transfer as rows again: (V, K) float32, a copy."""
-        rows = self._blocks.transpose(0, 2, 1).reshape(-1, self.coefficients)
-        return np.ascontiguousarray(rows[: self.count], np.float32)
-
     def write(self, rows: ArrayLike, transfer: ArrayLike) -> None:
         """Replace rows, (N,) integers, by a transfer (N, K). Raises InputError for rows that are not there."""
         rows, transfer = np.asarray(rows), np.asarray(transfer, np.float32)
@@ -70,55 +60,31 @@ class BlockTransfer:
     def apply(
         self,
         light: Floats,  # (K, 3) float
-        out: NDArray[np.float32] | None = None,  # (N, 3) float32, contiguous, written; made without
-        albedo: Floats | None = None,  # (N, 3), of the same vertices as `out`
-        other: Floats | None = None,  # (N, 3), light added before what is negative becomes 0, such as suns
-        begin: int = 0,
-        end: int | None = None,  # vertices begin..end; all of them without
-        threads: int | None = None,  # at most; as many as there are cores without
+        other: Floats | None = None,  # (V, 3), light added before what is negative becomes 0, such as suns
     ) -> NDArray[np.float32]:
-        """max(transfer . light + other, 0) x albedo of the vertices begin..end: (N, 3) float32, which is `out`.
-
-        Raises InputError for arrays that do not fit.
-        """
-        end = self.count if end is None else end
-        if not 0 <= begin <= end <= self.count:
-            raise InputError(f"vertices must be a part of 0..{self.count}, found {begin}..{end}")
-        shape = (end - begin, 3)
+        """max(transfer . light + other, 0), (V, 3) float32. Raises InputError for arrays that do not fit."""
         check_shape("the light", light, (self.coefficients, 3))
-        out = np.zeros(shape, np.float32) if out is None else out
-        if out.shape != shape or out.dtype != np.float32 or not out.flags.c_contiguous:
-            raise InputError(f"the output must be contiguous float32 of shape {shape}, found {out.dtype} {out.shape}")
-        factors = [_flat(name, array, shape) for name, array in (("the other light", other), ("the albedo", albedo))]
+        out, added = np.zeros((self.count, 3), np.float32), np.zeros(0, np.float32)
+        if other is not None:
+            check_shape("the other light", other, out.shape)
+            added = np.ascontiguousarray(other, np.float32).reshape(-1)
         light = np.ascontiguousarray(np.asarray(light, np.float32).T)
-        numbers = (end - begin) * self.coefficients
-        parts = 1 if numbers < PARALLEL_NUMBERS else cores() if threads is None else threads
-        cuts = [begin + round((end - begin) * i / parts / BLOCK) * BLOCK for i in range(parts)] + [end]
-        spans = pairwise(min(cut, end) for cut in cuts)
-        over(_multiply, spans, begin, self._blocks, light, *factors, out.reshape(-1))
+        parts = 1 if self.count * self.coefficients < PARALLEL_NUMBERS else cores()
+        cuts = [min(round(self.count * i / parts / BLOCK) * BLOCK, self.count) for i in range(parts)] + [self.count]
+        over(_multiply, pairwise(cuts), self._blocks, light, added, out.reshape(-1))
         return out
-
-
-def _flat(name: str, array: Floats | None, shape: tuple[int, int]) -> NDArray[np.float32]:
-    """An (N, 3) array as flat float32; an empty one for None."""
-    if array is None:
-        return np.zeros(0, np.float32)
-    check_shape(name, array, shape)
-    return np.ascontiguousarray(array, np.float32).reshape(-1)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def _multiply(
     begin: int,
     end: int,
-    first: int,
     blocks: NDArray[np.float32],
     light: NDArray[np.float32],
     other: NDArray[np.float32],
-    albedo: NDArray[np.float32],
     out: NDArray[np.float32],
 ) -> None:
-    """Vertices begin..end into the flat `out`; its first vertex is `first`, as are those of other and albedo."""
+    """Vertices begin..end, whole blocks but for the last, into the flat `out`."""
     sums, zero = np.zeros((3, BLOCK), np.float32), np.float32(0)
     floor = zero if len(other) == 0 else np.float32(-np.inf)
     for b in range(begin // BLOCK, (end + BLOCK - 1) // BLOCK):
@@ -147,11 +113,10 @@ def _multiply(
                 sums[0, i] += t0 * r0 + t1 * r1 + t2 * r2 + t3 * r3 + t4 * r4 + t5 * r5 + t6 * r6 + t7 * r7
                 sums[1, i] += t0 * g0 + t1 * g1 + t2 * g2 + t3 * g3 + t4 * g4 + t5 * g5 + t6 * g6 + t7 * g7
                 sums[2, i] += t0 * b0 + t1 * b1 + t2 * b2 + t3 * b3 + t4 * b4 + t5 * b5 + t6 * b6 + t7 * b7
-        low, high = max(begin - b * BLOCK, 0), min(end - b * BLOCK, BLOCK)
-        start = 3 * (b * BLOCK + low - first)
-        written = out[start : start + 3 * (high - low)]
-        for i in range(high - low):
-            red, green, blue = sums[0, low + i], sums[1, low + i], sums[2, low + i]
+        start, count = 3 * b * BLOCK, min(end - b * BLOCK, BLOCK)
+        written = out[start : start + 3 * count]
+        for i in range(count):
+            red, green, blue = sums[0, i], sums[1, i], sums[2, i]
             written[3 * i] = red if red > floor else floor
             written[3 * i + 1] = green if green > floor else floor
             written[3 * i + 2] = blue if blue > floor else floor
@@ -160,7 +125,3 @@ def _multiply(
             for j in range(len(written)):
                 value = written[j] + added[j]
                 written[j] = value if value > zero else zero
-        if len(albedo) > 0:
-            colors = albedo[start : start + len(written)]
-            for j in range(len(written)):
-                written[j] *= colors[j]

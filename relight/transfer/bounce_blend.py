@@ -7,6 +7,7 @@ the noise that the spread of the single rays predicts. So the average is linear 
 """
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +28,16 @@ LEAST_VARIANCE, LEAST_HIDDEN = 1e-20, 1e-6
 FIELDS = 6
 
 
+class Met(NamedTuple):
+    """What the rays of V vertices met. hits: (V,) how many met something. fronts: (V,) how many of these the front of a
+    face. hidden: (V,) fraction of the cosine lobe. rays: from each."""
+
+    hits: NDArray[np.int32]
+    fronts: NDArray[np.int32]
+    hidden: NDArray[np.float32]
+    rays: int
+
+
 class BounceBlend:
     """The linear average of what the rays of vertices met in the mean, over the N nodes of a scene and their rings.
 
@@ -38,27 +49,24 @@ class BounceBlend:
     def __init__(
         self,
         neighbors: Neighbors,
-        hits: NDArray[np.int32],  # (V,) how many rays met something
-        fronts: NDArray[np.int32],  # (V,) how many of these the front of a face
-        hidden: NDArray[np.float32],  # (V,) fraction of the cosine lobe
+        rays: Met,
         known: Callable[[], NDArray[np.float32]],  # (V, 2 FIELDS) what rays met of known lights, and of their squares
-        rays: int,  # from each vertex
         share: Floats | None = None,  # of another of the same
     ) -> None:
         """Measure the share, (N,), that each node takes from its ring. Raises InputError for one that does not fit."""
         rows = self._vertices = neighbors.vertices
         self._node, self._starts, self._columns = neighbors.node, neighbors.starts, neighbors.columns
-        met, outside = hits[rows].astype(np.float64), 2 * fronts[rows] >= hits[rows]
+        met, outside = rays.hits[rows].astype(np.float64), 2 * rays.fronts[rows] >= rays.hits[rows]
         self._weights, alike = np.empty(len(self._columns)), np.empty(len(rows))
         ring = self._starts, self._columns, neighbors.weights
-        in_slices(_weigh, len(rows), *ring, met, outside, hidden[rows].astype(np.float64), self._weights, alike)
+        in_slices(_weigh, len(rows), *ring, met, outside, rays.hidden[rows].astype(np.float64), self._weights, alike)
         if share is not None:
             self.share = _checked(share, len(rows))
             return
         mean = known()[rows]
         own = mean[:, :FIELDS].astype(np.float64)
         spread = np.maximum(mean[:, FIELDS:] - own**2, 0.0).sum(axis=1) / np.maximum(met, 1.0)
-        noise = spread * (STRATIFIED[0] / rays) ** STRATIFIED[1]
+        noise = spread * (STRATIFIED[0] / rays.rays) ** STRATIFIED[1]
         self.share, off = np.empty(len(rows)), np.empty(len(rows))
         in_slices(_apart, len(rows), *ring[:2], self._weights, own, off)
         in_slices(_shares, len(rows), *ring, self._weights, off, noise, alike, self.share)

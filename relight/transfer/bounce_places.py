@@ -27,6 +27,16 @@ BATCH_RAYS = 2**18
 """Rays in memory at once, 64 bytes each with what they hit; cores share a bounce by as many."""
 
 
+class Shooting(NamedTuple):
+    """Where rays start and what they meet. seed: of their directions. advance: called with the number of vertices done.
+    receivers: from which they start; all vertices without."""
+
+    occluder: Occluder
+    seed: int = 0
+    advance: Advance = lambda count: None
+    receivers: Receivers | None = None
+
+
 class BouncePlaces(NamedTuple):
     """The first hits of R cosine-distributed rays from each of M vertices, in a mesh of V.
 
@@ -44,17 +54,10 @@ class BouncePlaces(NamedTuple):
     base: NDArray[np.int32]
 
     @classmethod
-    def shot(
-        cls,
-        occluder: Occluder,
-        rays: int,
-        seed: int,
-        advance: Advance,
-        receivers: Receivers | None = None,
-        by: tuple[float, float] = (0.0, 0.0),  # of `sampling.next_sets`
-    ) -> "BouncePlaces":
-        """Trace them, from all vertices or those that Receivers name. A row depends on its vertex, the seed and the
-        scene, not on vertex order or threads. Raises InputError for rays outside 1..65536."""
+    def shot(cls, rays: int, how: Shooting, by: tuple[float, float] = (0.0, 0.0)) -> "BouncePlaces":
+        """Trace them. by: of `sampling.next_sets`. A row depends on its vertex, the seed and the scene, not on vertex
+        order or threads. Raises InputError for rays outside 1..65536."""
+        occluder, seed, advance, receivers = how
         azimuths = sampling.fibonacci_azimuths(check_rays(rays))
         count, batch = len(occluder.origins), batch_of(rays)
         order, new_node, _ = ranked_nodes(occluder.origins, occluder.normals)
@@ -82,15 +85,13 @@ class BouncePlaces(NamedTuple):
         base = int(self.base)
         return base < rays <= sampling.most_grown(base) and rays in (2 * base, 4 * base)
 
-    def grown(
-        self, there: int, occluder: Occluder, rays: int, seed: int, advance: Advance, receivers: Receivers | None = None
-    ) -> "BouncePlaces":
+    def grown(self, there: int, rays: int, how: Shooting) -> "BouncePlaces":
         """These, so many rays of each vertex, and after them in every row those that lie between, up to `rays`: only
-        the latter are traced. For what was shot at the same occluder with the same seed and Receivers."""
+        the latter are traced. For what was shot in the same way."""
         base, sets = int(self.base), [(0.0, 0.0)]
         while len(sets) * base < rays:
             sets += sampling.next_sets(sets)
-        parts = [self, *(self.shot(occluder, base, seed, advance, receivers, by) for by in sets[there // base :])]
+        parts = [self, *(self.shot(base, how, by) for by in sets[there // base :])]
         used = np.stack([part.used for part in parts]).sum(axis=0, dtype=np.int32)
         places = np.empty(used.sum(dtype=np.int64), self.places.dtype)
         at = np.append(0, np.cumsum(used, dtype=np.int64))[:-1]

@@ -14,6 +14,7 @@ of an open surface. The vertex normals define the front, not the winding.
 
 import math
 from collections import deque
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,8 +24,8 @@ from splat2mesh.base.errors import InputError
 from splat2mesh.base.progress import Advance
 from splat2mesh.base.threads import in_order, in_slices, read_only
 
-from .bounce_blend import BounceBlend, known_lights
-from .bounce_places import BouncePlaces, batch_of
+from .bounce_blend import BounceBlend, Met, known_lights
+from .bounce_places import BouncePlaces, Shooting, batch_of
 from .bounce_rows import gather, gather_rgb, unpack
 from .checks import check_shape, checked_albedo
 from .neighbors import Neighbors
@@ -43,6 +44,19 @@ BLOCK_COEFFICIENTS = 8
 A third of the time of one by one; 16 gain nothing more."""
 
 
+class Sharing(NamedTuple):
+    """How rows serve more vertices than their own.
+
+    receivers: those whose rows are traced, from which others take over; all without. neighbors: over whose rings what
+    rays met is averaged (`bounce_blend`); without, every vertex has its own rays alone. share: `ring_share` of the same
+    before.
+    """
+
+    receivers: Receivers | None = None
+    neighbors: Neighbors | None = None
+    share: Floats | None = None
+
+
 class Interreflection:
     """The matrix B of a scene: sparse, (V, V), non-negative, rows that sum to at most the hidden fraction.
 
@@ -50,8 +64,7 @@ class Interreflection:
     scene into chunks changes no bit. rays: per vertex. hits: (V,) int32, how many of them met something. back_hits:
     which share of these, over the scene, met the back of a face. entries: how many met a front. nbytes: memory of the
     matrix. shares: (V,) float64, one over the number of vertices that agree with each. receivers: the Receivers whose
-    rows were traced; None for all. hidden: (V,) float32, the share of the cosine lobe that rows are scaled to. Where
-    neighbours are given, what rays met is averaged over rings: `bounce_blend`.
+    rows were traced; None for all. hidden: (V,) float32, the share of the cosine lobe that rows are scaled to.
     """
 
     def __init__(
@@ -61,8 +74,7 @@ class Interreflection:
         seed: int = 0,
         visible: Floats | None = None,  # (V,) visible fraction of the cosine lobe; see `visible_fraction`
         advance: Advance = lambda count: None,  # called with the number of vertices done
-        receivers: Receivers | None = None,  # the rows that are traced, from which others take over; all without
-        neighbors: Neighbors | None = None,  # of the occluder; without, every vertex has its own rays alone
+        sharing: Sharing = Sharing(),  # noqa: B008
     ) -> None:
         """Trace the rays. A row depends on its vertex, the seed and the scene, not on vertex order or threads.
 
@@ -71,8 +83,8 @@ class Interreflection:
         Without it, a row sums to the fraction of its own rays that hit. Either way, hits on back faces do not count.
         Raises InputError for rays outside 1..65536 and for a `visible` that is not (V,) in [0, 1].
         """
-        places = BouncePlaces.shot(occluder, rays, seed, advance, receivers)
-        self._make(places, rays, occluder, visible, receivers, neighbors)
+        places = BouncePlaces.shot(rays, Shooting(occluder, seed, advance, sharing.receivers))
+        self._make(places, rays, occluder, visible, sharing)
 
     @classmethod
     def of_places(
@@ -81,26 +93,17 @@ class Interreflection:
         rays: int,
         occluder: Occluder,
         visible: Floats | None = None,
-        receivers: Receivers | None = None,
-        neighbors: Neighbors | None = None,
-        share: Floats | None = None,
+        sharing: Sharing = Sharing(),  # noqa: B008
     ) -> "Interreflection":
-        """The same of rays that were traced before. share: `ring_share` of the same before."""
+        """The same of rays that were traced before."""
         self = cls.__new__(cls)
-        self._make(places, rays, occluder, visible, receivers, neighbors, share)
+        self._make(places, rays, occluder, visible, sharing)
         return self
 
     def _make(
-        self,
-        places: BouncePlaces,
-        rays: int,
-        occluder: Occluder,
-        visible: Floats | None,
-        receivers: Receivers | None,
-        neighbors: Neighbors | None,
-        share: Floats | None = None,
+        self, places: BouncePlaces, rays: int, occluder: Occluder, visible: Floats | None, sharing: Sharing
     ) -> None:
-        self.rays, self.receivers = rays, receivers
+        self.rays, self.receivers = rays, sharing.receivers
         self._rows, self.hits = places.rows, places.hits
         met, count = int(self.hits.sum()), len(places.places)
         self.back_hits = (met - count) / max(met, 1)
@@ -112,8 +115,8 @@ class Interreflection:
         self._blend: BounceBlend | None = None
         fronts = np.zeros_like(self.hits)
         fronts[places.rows] = places.used
-        self._fronts, self._neighbors = fronts, neighbors
-        self.scale_to(visible, share)
+        self._fronts, self._neighbors = fronts, sharing.neighbors
+        self.scale_to(visible, sharing.share)
 
     @property
     def ring_share(self) -> Floats | None:
@@ -191,7 +194,7 @@ class Interreflection:
                 self.receivers.filled(lights)
             return self._gathered(np.hstack([lights, lights**2]), self._per_hit)
 
-        return BounceBlend(neighbors, self.hits, self._fronts, self.hidden, known, self.rays, share)
+        return BounceBlend(neighbors, Met(self.hits, self._fronts, self.hidden, self.rays), known, share)
 
     @property
     def _per_hit(self) -> NDArray[np.float32]:

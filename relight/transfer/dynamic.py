@@ -215,9 +215,8 @@ class DynamicTransfer:
     def _average(self, body: Body, changed: Mask) -> Indices:
         """Write the transfer around changed nodes: its rows."""
         steps = steps_for(self.ray_count, self.bands)
-        nodes, model, rest = body.rings.averaged(
-            body.node_normals, body.model, body.rest, self.ray_count, steps, changed
-        )
+        seen = body.model, body.rest
+        nodes, model, rest = body.rings.averaged(body.node_normals, seen, self.ray_count, steps, changed)
         found = np.full(len(body.nodes), -1, np.int64)
         found[nodes] = np.arange(len(nodes))
         found = found[body.rings.node]

@@ -7,7 +7,6 @@ the visible fraction. Every step is of one ring.
 """
 
 import math
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +16,7 @@ from splat2mesh.base.threads import in_slices
 
 from ..sh import harmonics
 from .lobes import add_lobes, squared_lobe
+from .neighbors import Neighbors, Rows
 from .sampling import legendre_factors
 
 NOISE = 0.078
@@ -42,26 +42,6 @@ MAX_RAYS = 512
 _COLUMNS = 16  # averaged at a time: a cache line of each neighbour, and a small copy of all
 
 
-class Rows(Protocol):
-    """Nodes and their neighbours as sparse rows: what `average` needs of Neighbors."""
-
-    @property
-    def vertices(self) -> NDArray[np.int64]:
-        """(N,), the vertex that stands for each node."""
-
-    @property
-    def starts(self) -> NDArray[np.int64]:
-        """(N + 1,), where each row begins."""
-
-    @property
-    def columns(self) -> NDArray[np.int32]:
-        """(E,), nodes beside each."""
-
-    @property
-    def weights(self) -> NDArray[np.float32]:
-        """(E,), of these, in [0, 1]."""
-
-
 def steps_for(rays: int, bands: int) -> int:
     """The number of steps of `average` worth their bias at a number of rays per vertex (scripts/bench rays)."""
     if rays > MAX_RAYS:
@@ -70,12 +50,10 @@ def steps_for(rays: int, bands: int) -> int:
 
 
 def average(
-    neighbors: Rows,  # N nodes of V vertices
+    neighbors: Neighbors | Rows,  # N nodes of V vertices
     normals: NDArray[np.float32],  # (N, 3) float32, unit
     model: NDArray[np.float32],  # (N, 4) float32 of `sampling.gather`, changed
-    rest: NDArray[
-        np.float32
-    ],  # (V, K) float32 of the same, changed; only the rows of the vertices that stand for nodes count
+    rest: NDArray[np.float32],  # (V, K) float32 of the same, changed; only rows of vertices that stand for nodes count
     rays: int,  # per node, of which they were made
     steps: int,
 ) -> None:

@@ -27,8 +27,6 @@ square): a thousandth of what hundreds of rays leave."""
 LARGE = 1 << 22
 """Numbers above which a transfer is rounded: smaller ones take 16 MB at most."""
 
-_BATCH = 1 << 14  # rows
-
 
 Key: TypeAlias = tuple[str, int, int, str, int, str]
 """The key of a transfer: method, bands, rays, chunks with shadows, seed, leaves."""
@@ -81,7 +79,7 @@ def rounded(transfer: Transfer) -> Transfer:
         def work(rows: slice) -> None:
             transfer[rows] = _numbers(_steps(transfer[rows]))
 
-        in_batches(work, len(transfer), _BATCH)
+        in_batches(work, len(transfer))
     return transfer
 
 
@@ -95,7 +93,7 @@ def arrays_of(transfer: Transfer, receivers: Receivers) -> dict[str, NDArray[Any
     def work(part: slice) -> None:
         steps[part] = _steps(transfer[part] if receivers.all else transfer[receivers.rows[part]])
 
-    in_batches(work, len(steps), _BATCH)
+    in_batches(work, len(steps))
     return {"transfer": steps}
 
 
@@ -112,7 +110,7 @@ def restored(kept: Mapping[str, NDArray[Any]], bands: int, receivers: Receivers)
         some = _numbers(found[part]) if found.dtype == np.int16 else found[part]
         transfer[part if receivers.all else receivers.rows[part]] = some
 
-    in_batches(work, len(found), _BATCH)
+    in_batches(work, len(found))
     return receivers.filled(transfer)
 
 

@@ -10,8 +10,8 @@ from splat2mesh.base.arrays import Floats, Mask, Transfer
 from splat2mesh.base.progress import Stages
 from splat2mesh.scene.scene import Scene
 
-from .bounce_places import BouncePlaces
-from .bounces import Interreflection, visible_fraction
+from .bounce_places import BouncePlaces, Shooting
+from .bounces import Interreflection, Sharing, visible_fraction
 from .neighbors import Neighbors
 from .occluder import Occluder
 from .receivers import Receivers
@@ -128,15 +128,15 @@ class KeptBounces:
 
         def made(kept: Mapping[str, NDArray[Any]]) -> Interreflection:
             places = BouncePlaces.restored(kept, rays, len(faces), receivers.traced).thinned(step)
-            given = places, rays // step, self.occluder, visible, receivers, self._neighbors
+            given, sharing = (places, rays // step, self.occluder, visible), Sharing(receivers, self._neighbors)
             of_rings = "rings", f"{rays}by{step}" if step > 1 else rays, self.seed, receivers.key, array_key(visible)
 
             def again(kept: Mapping[str, NDArray[Any]]) -> Interreflection:
-                return Interreflection.of_places(*given, kept["share"])
+                return Interreflection.of_places(*given, sharing._replace(share=kept["share"]))
 
             found = self.cache.restored(again, *of_rings)
             if found is None:
-                found = Interreflection.of_places(*given)
+                found = Interreflection.of_places(*given, sharing)
                 if found.ring_share is not None:
                     self.cache.put(*of_rings, share=found.ring_share)
             return found
@@ -153,9 +153,9 @@ class KeptBounces:
         there, known = self._growing_to(rays)
         sets = 1 if known is None else (rays - there) // int(known.base)
         with self._stages.stage("bounce rays", sets * len(receivers.rows)) as advance:
-            asked = occluder, rays, self.seed, advance, receivers
-            places = BouncePlaces.shot(*asked) if known is None else known.grown(there, *asked)
-            found = Interreflection.of_places(places, rays, occluder, visible, receivers, self._neighbors)
+            how = Shooting(occluder, self.seed, advance, receivers)
+            places = BouncePlaces.shot(rays, how) if known is None else known.grown(there, rays, how)
+            found = Interreflection.of_places(places, rays, occluder, visible, Sharing(receivers, self._neighbors))
         self._traced = None if self.cache.keeps else (rays, places)
         self.rays_traced += (rays - there) * len(receivers.rows)
         with self._stages.stage("keep"):

@@ -5,6 +5,8 @@ of each other, and of everything one edge away from any of them (seams of textur
 through space by their own bits, so nothing here depends on the order of vertices or faces.
 """
 
+from typing import Any, NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -50,23 +52,23 @@ class Neighbors:
         in_slices(_sort_rows, len(counts), starts, columns, counts)
         self._expand(np.ascontiguousarray(normals[self.vertices]), place, first, starts, columns, counts)
 
-    def _expand(
-        self,
-        normals: NDArray[np.float32],
-        place: NDArray[np.int32],
-        first: NDArray[np.int64],
-        starts: NDArray[np.int64],
-        columns: NDArray[np.int32],
-        counts: NDArray[np.int64],
-    ) -> None:
-        """From places beside places to nodes beside nodes."""
-        args = normals, place, first, starts, columns, counts
+    def _expand(self, normals: NDArray[np.float32], *places: NDArray[Any]) -> None:
+        """From places beside places, as `_node_rows` takes them, to nodes beside nodes."""
         used, nothing = np.zeros(len(normals) + 1, np.int64), np.zeros(0, np.int32)
-        in_slices(_node_rows, len(normals), *args, used[1:], nothing, np.zeros(0, np.float32))
+        in_slices(_node_rows, len(normals), normals, *places, used[1:], nothing, np.zeros(0, np.float32))
         self.starts = np.cumsum(used)
         self.columns = np.zeros(self.starts[-1], np.int32)
         self.weights = np.zeros(self.starts[-1], np.float32)
-        in_slices(_node_rows, len(normals), *args, self.starts[:-1], self.columns, self.weights)
+        in_slices(_node_rows, len(normals), normals, *places, self.starts[:-1], self.columns, self.weights)
+
+
+class Rows(NamedTuple):
+    """Some rows of Neighbors, as `filtering.average` needs them. Weights are in [0, 1]."""
+
+    vertices: NDArray[np.int64]
+    starts: NDArray[np.int64]
+    columns: NDArray[np.int32]
+    weights: NDArray[np.float32]
 
 
 def ranked_nodes(origins: Floats, normals: Floats) -> tuple[NDArray[np.int64], Mask, Mask]:

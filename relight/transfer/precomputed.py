@@ -2,11 +2,11 @@
 
 import copy
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
-from splat2mesh.base.arrays import Mask, Transfer
-from splat2mesh.base.progress import Stages
+from splat2mesh.base.arrays import Transfer
 from splat2mesh.scene.scene import Scene
 
 from .analytic import analytic
@@ -43,15 +43,9 @@ class Precomputed(KeptBounces):
     scene, or None. shown: returns (V,) bool, the vertices whose light is shown; None for all of them.
     """
 
-    def __init__(
-        self,
-        scene: Scene,
-        seed: int,
-        cache: Cache | None = None,
-        stages: Stages | None = None,
-        shown: Callable[[], Mask] | None = None,
-    ) -> None:
-        super().__init__(scene, seed, cache, stages, shown)
+    def __init__(self, scene: Scene, *given: Any, **named: Any) -> None:
+        """Arguments as of KeptBounces."""
+        super().__init__(scene, *given, **named)
         self._visibility: Visibility | None = None
         self.foliage = Foliage.of_scene(scene)
         self._transfers: dict[Key, Transfer] = {}

@@ -7,7 +7,7 @@ these only rays through the box are passed on. All of it errs to the safe side. 
 """
 
 from collections.abc import Callable
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,13 +16,11 @@ from splat2mesh.base.arrays import Indices, Mask
 from splat2mesh.base.kernels import kernel
 from splat2mesh.base.threads import in_slices
 
+from .occluder import BATCH_RAYS
 from .sampling import direction, tangents, turned
 
 MARGIN = np.float32(1e-5)
 """A box is larger by this, in the unit frame: a hundred roundings."""
-
-BATCH_RAYS = 2**20
-"""Rays in memory at once, at most: 28 MiB."""
 
 
 class Box(NamedTuple):
@@ -41,19 +39,6 @@ class Box(NamedTuple):
         return cls(low, high, (low + high) / np.float32(2), radius)
 
 
-BoxArrays: TypeAlias = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], np.float32]
-"""The fields of a Box as a plain tuple, as threads take it."""
-
-
-class Gathered(NamedTuple):
-    """Rays that may meet a body. buffer: (M R, 6). numbers: (M R,) which they are. used: (M,) how many, at the first
-    row of each slice, whose rays begin at that row's place."""
-
-    buffer: NDArray[np.float32]
-    numbers: NDArray[np.int32]
-    used: NDArray[np.int64]
-
-
 class Hemisphere:
     """The cosine-distributed rays of some nodes, as `sampling.shoot_at` makes them, one by one where they are wanted.
 
@@ -67,20 +52,8 @@ class Hemisphere:
         azimuths: NDArray[np.float32],
         offsets: NDArray[np.float32],
     ) -> None:
-        self.arrays = origins, normals, azimuths, offsets
+        self.through, self.arrays = _hemisphere_through, (origins, normals, azimuths, offsets)
         self.count, self.rays = len(origins), len(azimuths)
-
-    def through(
-        self,
-        begin: int,
-        end: int,
-        rows: Indices,
-        box: BoxArrays,
-        hidden: NDArray[np.uint8],
-        into: Gathered,
-    ) -> None:
-        """See `_hemisphere_through`."""
-        _hemisphere_through(begin, end, rows, *self.arrays, *box, hidden, *into)
 
 
 class Beams:
@@ -89,20 +62,8 @@ class Beams:
     def __init__(
         self, origins: NDArray[np.float32], normals: NDArray[np.float32], directions: NDArray[np.float32]
     ) -> None:
-        self._arrays = origins, normals, directions
+        self.through, self.arrays = _beams_through, (origins, normals, directions)
         self.count, self.rays = len(origins), len(directions)
-
-    def through(
-        self,
-        begin: int,
-        end: int,
-        rows: Indices,
-        box: BoxArrays,
-        hidden: NDArray[np.uint8],
-        into: Gathered,
-    ) -> None:
-        """See `_beams_through`."""
-        _beams_through(begin, end, rows, *self._arrays, *box, hidden, *into)
 
 
 def blocked(
@@ -119,7 +80,7 @@ def blocked(
         part = rows[start : start + batch]
         buffer, index = np.zeros((len(part) * rays.rays, 6), np.float32), np.zeros(len(part) * rays.rays, np.int32)
         used = np.zeros(len(part), np.int64)  # at the first row of each slice; its rays begin at that row's place
-        in_slices(rays.through, len(part), part, tuple(box), hidden, Gathered(buffer, index, used))
+        in_slices(rays.through, len(part), part, *rays.arrays, *box, hidden, buffer, index, used)
         for first in np.flatnonzero(used):
             those = slice(first * rays.rays, first * rays.rays + used[first])
             _mark(index[those], occluded(buffer[those]), rays.rays, bits[start : start + batch])

@@ -15,7 +15,7 @@ from ..light.environment import Environment
 from ..light.projections import texel_parts
 from ..light.suns import Suns
 from ..sh.sphere import fibonacci_sphere
-from .occluder import Occluder
+from .occluder import BATCH_RAYS, Occluder
 from .sunlight import sunlight
 from .volume import Foliage
 
@@ -24,7 +24,6 @@ MAX_DIRECTIONS = 2**17
 """65536 are within 0.02% of half as many already."""
 
 _MAX_SPLIT = 8  # a side of each texel: its parts are 1/64 of it
-_BLOCK_TEXELS = 2**20  # parts of texels in memory at once
 
 
 def reference(
@@ -69,7 +68,7 @@ def light_directions(environment: Environment, count: int) -> Suns:
     # Three parts across a cell, of 4 pi / count steradians: finer ones move a centroid by under a tenth of it.
     least = math.ceil(3.0 * math.pi / height / math.sqrt(4.0 * math.pi / count))
     own, cells, moment = [], np.zeros((count, 3)), np.zeros((count, 3))
-    rows = max(1, _BLOCK_TEXELS // (width * least * least))
+    rows = max(1, BATCH_RAYS // (width * least * least))
     for start in range(0, height, rows):
         block = image[start : start + rows].astype(np.float64)
         energy = _energy(block, start, height)

@@ -5,7 +5,7 @@ more than `neighbors.MIN_COSINE` stays in the rows, with weight 0, which adds no
 So the result is that of `filtering.average` over the whole mesh, to the bit.
 """
 
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from splat2mesh.base.kernels import kernel
 from splat2mesh.base.threads import in_slices
 
 from .filtering import average
-from .neighbors import MIN_COSINE, SHARPNESS, Neighbors, _sort_rows
+from .neighbors import MIN_COSINE, SHARPNESS, Neighbors, Rows, _sort_rows
 
 WHOLE = 0.5
 """Where more than this part of the nodes would be averaged again, all are: to pick them out costs more than it
@@ -45,16 +45,7 @@ class Rings(Neighbors):
         self.starts, self.columns = starts, place[self.columns[columns]].astype(np.int32)
         in_slices(_sort_rows, len(order), self.starts, self.columns, np.zeros(len(order), np.int64))
 
-    def _expand(
-        self,
-        normals: NDArray[np.float32],
-        place: NDArray[np.int32],
-        first: NDArray[np.int64],
-        starts: NDArray[np.int64],
-        columns: NDArray[np.int32],
-        counts: NDArray[np.int64],
-    ) -> None:
-        places = place, first, starts, columns, counts
+    def _expand(self, normals: NDArray[np.float32], *places: NDArray[Any]) -> None:
         super()._expand(np.tile(np.array([0.0, 1.0, 0.0], np.float32), (len(normals), 1)), *places)
 
     def bend(self, normals: NDArray[np.float32]) -> None:
@@ -64,13 +55,13 @@ class Rings(Neighbors):
     def averaged(
         self,
         normals: NDArray[np.float32],  # (N, 3) float32, unit
-        model: NDArray[np.float32],  # (N, 4) float32 of `sampling.gather`
-        rest: NDArray[np.float32],  # (N, K) float32 of the same
+        seen: tuple[NDArray[np.float32], NDArray[np.float32]],  # model (N, 4) and rest (N, K) of `sampling.gather`
         rays: int,
         steps: int,
         changed: Mask,  # (N,) bool, nodes whose model, rest or normal is new
     ) -> tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.float32]]:
         """Nodes whose average is new, sorted (M,), and their model (M, 4) and rest (M, K): see `filtering.average`."""
+        model, rest = seen
         if steps == 0 or not changed.any():
             nodes = np.flatnonzero(changed)
             return nodes, model[nodes], rest[nodes]
@@ -94,10 +85,10 @@ class Rings(Neighbors):
         in_slices(_grow, len(level), self.starts, self.columns, level, np.int8(ring), grown)
         return grown
 
-    def _cut(self, nodes: Indices) -> "_Part":
+    def _cut(self, nodes: Indices) -> Rows:
         """The rows of some nodes, sorted, without what is not among them."""
         if len(nodes) == len(self.vertices):
-            return _Part(np.arange(len(nodes)), self.starts, self.columns, self.weights)
+            return Rows(np.arange(len(nodes)), self.starts, self.columns, self.weights)
         new = np.full(len(self.vertices), -1, np.int32)
         new[nodes] = np.arange(len(nodes), dtype=np.int32)
         used = np.zeros(len(nodes) + 1, np.int64)
@@ -107,16 +98,7 @@ class Rings(Neighbors):
         columns, weights = np.zeros(starts[-1], np.int32), np.zeros(starts[-1], np.float32)
         rows = nodes, new, self.starts, self.columns, self.weights
         in_slices(_copy_rows, len(nodes), *rows, starts[:-1], columns, weights)
-        return _Part(np.arange(len(nodes)), starts, columns, weights)
-
-
-class _Part(NamedTuple):
-    """The part of Neighbors that `filtering.average` needs."""
-
-    vertices: NDArray[np.int64]
-    starts: NDArray[np.int64]
-    columns: NDArray[np.int32]
-    weights: NDArray[np.float32]
+        return Rows(np.arange(len(nodes)), starts, columns, weights)
 
 
 @kernel

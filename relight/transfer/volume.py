@@ -25,6 +25,7 @@ from splat2mesh.scene.scene import Scene
 from ..light.suns import Suns
 from ..sh import harmonics
 from ..sh.sphere import fibonacci_sphere
+from .occluder import BATCH_RAYS
 from .settings import VOLUME_DIRECTIONS
 from .store import array_key
 from .sunlight import shining
@@ -56,8 +57,6 @@ is seen as a cone sees it, and a direction stands for many."""
 
 OPAQUE = 8.0
 """Optical depth at which a march ends: 0.03% of the light is left."""
-
-_BATCH = 1 << 20  # marches in memory at once
 
 
 def noise(directions: int) -> float:
@@ -129,7 +128,7 @@ class Foliage:
         columns, weights = self._lattice.around(place[rows[thick]])
         probes, index = np.unique(columns, return_inverse=True)
         index = index.reshape(weights.shape)
-        step = max(1, _BATCH // max(1, len(probes)))
+        step = max(1, BATCH_RAYS // max(1, len(probes)))
         for start in range(0, len(directions), step):
             part = slice(start, start + step)
             free = transmittance(self._depth, self._lattice.points[probes], directions[part])

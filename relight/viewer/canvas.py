@@ -25,11 +25,11 @@ class Style(NamedTuple):
     bold: bool = False
 
 
-SMALL, KEY, TITLE = Style(), Style(bold=True), Style(13, True)
+SMALL, KEY = Style(), Style(bold=True)
 
 BAR, CHIP, ON = (15, 16, 19, 215), (44, 47, 54, 255), (233, 178, 84, 255)
-IDLE, TRACK, HANDLE = (122, 99, 58, 255), (66, 70, 79, 255), (233, 233, 236, 255)
-TEXT, DIM, DARK, WARNING = (226, 228, 232), (150, 155, 164), (24, 22, 18), (240, 150, 110)
+TEXT, DIM, DARK, WARNING = (226, 228, 232), (150, 155, 164), BAR[:3], (240, 150, 110)
+IDLE, HANDLE = (*((one + other) // 2 for one, other in zip(ON[:3], DARK, strict=True)), 255), (*TEXT, 255)
 """sRGB bytes of what is drawn, with opacity, and of texts."""
 
 _LEAST_SIZE = 6  # pixels of a text

@@ -1,7 +1,7 @@
 """Keys, sliders and mouse of a session: one table for the window, its help, docs/options.md and the tests."""
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..transfer.settings import BOUNCES, SHADOWS, SUN
 from .modes import MODES
@@ -9,9 +9,6 @@ from .object_tool import TURN_DEG
 from .window_view import WindowView
 
 if TYPE_CHECKING:
-    from .hand_tool import HandTool
-    from .lamp_tool import LampTool
-    from .object_tool import ObjectTool
     from .session import Session
 
 
@@ -24,35 +21,7 @@ LAMP_STEP_EV = 0.5
 CAPTURED_STEP = 0.1
 
 
-class Hands(Protocol):
-    """A `mouse.Mouse`: the state that keys share with it."""
-
-    @property
-    def lamps(self) -> "LampTool": ...
-
-    @property
-    def objects(self) -> "ObjectTool": ...
-
-    @property
-    def hand(self) -> "HandTool": ...
-
-
-class ControlledWindow(WindowView, Protocol):
-    """A `window.Window` as keys act on it."""
-
-    @property
-    def mouse(self) -> Hands: ...
-
-    def save_picture(self) -> None: ...
-
-    def record(self) -> None: ...
-
-    def reset(self) -> None: ...
-
-    def quit(self) -> None: ...
-
-
-Action = Callable[[ControlledWindow], None]
+Action = Callable[[WindowView], None]
 
 
 class Control(NamedTuple):
@@ -83,7 +52,7 @@ class Slider(NamedTuple):
     logarithmic: bool = False
     there: Callable[["Session"], bool] = lambda session: True
     read: Callable[["Session"], float] | None = None
-    write: Callable[[ControlledWindow, float], None] | None = None
+    write: Callable[[WindowView, float], None] | None = None
 
     @property
     def of_hand(self) -> bool:
@@ -94,7 +63,7 @@ class Slider(NamedTuple):
 def _change(**changes: Any) -> Action:
     """An action that sets fields of the state; callables are given the state first."""
 
-    def act(window: ControlledWindow) -> None:
+    def act(window: WindowView) -> None:
         state = window.session.state
         window.session.change(**{name: value(state) if callable(value) else value for name, value in changes.items()})
 
@@ -110,7 +79,7 @@ def _step(field: str, step: float) -> Action:
 
 
 def _next(field: str, step: int) -> Action:
-    def act(window: ControlledWindow) -> None:
+    def act(window: WindowView) -> None:
         names = window.session.choices[field]
         place = names.index(getattr(window.session.state, field)) + step
         window.session.change(**{field: names[place % len(names)]})
@@ -167,7 +136,7 @@ def _hand_slider(name: str, text: str, show: Callable[[float], str]) -> Slider:
     def read(session: "Session") -> float:
         return 0.0 if session.hand is None else getattr(session.hand.hand, name)
 
-    def write(window: ControlledWindow, value: float) -> None:
+    def write(window: WindowView, value: float) -> None:
         window.session.set_hand(lambda bench: bench.change(**{name: value}))
 
     return Slider(f"hand_{name}", text, show, there=_by_hand, read=read, write=write)
@@ -263,13 +232,9 @@ MOUSE = (
     ("wheel", "nearer, farther"),
 )
 
-_KEY_NAMES = {
+KEY_NAMES = {
     "minus": "-",
     "equal": "=",
-    "Left": "left",
-    "Right": "right",
-    "Up": "up",
-    "Down": "down",
     "comma": ",",
     "period": ".",
     "bracketleft": "[",
@@ -277,8 +242,9 @@ _KEY_NAMES = {
     "apostrophe": "'",
     "slash": "/",
 }
+"""Labels of VTK's key symbols on a keyboard, where they differ."""
 
 
 def key_name(control: Control) -> str:
     """The label of a key on a keyboard."""
-    return _KEY_NAMES.get(control.key, control.key)
+    return KEY_NAMES.get(control.key, control.key.lower())

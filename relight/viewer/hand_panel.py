@@ -5,15 +5,17 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from .canvas import BAR, DARK, DIM, ON, TEXT, TRACK, Canvas
+from .canvas import BAR, CHIP, DARK, DIM, ON, TEXT, Canvas
 from .hand_bench import HandBench
 from .hand_tool import OFFER, SUN_MAP, place_on_map
 
-CELL, LARGE = 3, 6
+CELL = 3
+LARGE = 2 * CELL
 """Sides of a texel of a map, in units: of an offered light, and of the present one, whose sun is dragged."""
 
-LEFT, GAP, LINE = 16, 10, 16
-"""Units: from the left edge, between maps, and the height of a name."""
+GAP = 10
+LEFT = LINE = 16
+"""Units: between maps, from the left edge, and the height of a name."""
 
 Hot = Callable[..., None]
 """((left, base, width, height), name): an area that takes the mouse."""
@@ -43,7 +45,7 @@ def draw_hand(canvas: Canvas, bench: HandBench, top: float, hot: Hot) -> None:
         base -= small
         shown, used = bench.map_of(number), number == bench.number
         across, tall = CELL * shown.shape[1], CELL * shown.shape[0]
-        canvas.rectangle(LEFT - 2, base - 2, across + 4, tall + 4, ON if used else TRACK)
+        canvas.rectangle(LEFT - 2, base - 2, across + 4, tall + 4, ON if used else CHIP)
         _map(canvas, shown, LEFT, base, CELL)
         canvas.text(LEFT + across + GAP, base + tall / 2 - 4, name, TEXT if used else DIM)
         hot((LEFT - 2, base - 2, wide, tall + 4), f"{OFFER}{number}")

@@ -6,11 +6,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from splat2mesh.base.errors import InputError
-
 from ..light.sun_position import toward
 from .camera import ORBIT_DEG
 from .hand_bench import HandBench
+from .pointing import surface_at, tried
 
 if TYPE_CHECKING:
     from .window_view import WindowView
@@ -66,18 +65,15 @@ class HandTool:
 
     def click(self, x: float, y: float) -> None:
         """Take a click at a pixel: the edge of a shadow, then what casts it."""
-        place = self._surface(x, y)
-        if place is None:
+        hit = surface_at(self._window, self._bench.source, x, y)
+        if hit is None:
             self._window.note = "no surface there: " + (EDGE if self._edge is None else CASTER)
             return
         if self._edge is None:
-            self._edge, self._window.note = place, CASTER
+            self._edge, self._window.note = hit[0], CASTER
             return
         edge, self._edge, self.pointing, self._window.note = self._edge, None, False, ""
-        try:
-            self._window.session.set_hand(lambda bench: bench.point(edge, place))
-        except InputError as error:
-            self._window.note = str(error)
+        tried(self._window, lambda: self._window.session.set_hand(lambda bench: bench.point(edge, hit[0])))
 
     def grip(self, name: str, box: tuple[float, ...], x: float, y: float) -> bool:
         """Take a press on a hot area, if it is a map; return whether it is."""
@@ -125,26 +121,19 @@ class HandTool:
         """Write the light into the folder of the scene; show where, or why not."""
         if not self.on:
             return
-        try:
+
+        def keep() -> None:
             path = self._bench.keep()
-        except InputError as error:
-            self._window.note = str(error)
-            return
-        if path is not None:
-            self._window.note = f"kept in {path}: commands use it from now on"
+            if path is not None:
+                self._window.note = f"kept in {path}: commands use it from now on"
+
+        tried(self._window, keep)
 
     @property
     def _bench(self) -> HandBench:
         bench = self._window.session.hand
         assert bench is not None
         return bench
-
-    def _surface(self, x: float, y: float) -> NDArray[np.float64] | None:
-        """The surface point at a pixel, or None."""
-        eye, direction = self._window.orbit.ray(x, y, self._window.size)
-        ray = np.concatenate([eye, direction])[None].astype(np.float32)
-        distance = float(self._bench.source.first_hits(ray).distance[0])
-        return eye + distance * direction if math.isfinite(distance) else None
 
 
 def place_on_map(azimuth_deg: float, height_deg: float) -> tuple[float, float]:

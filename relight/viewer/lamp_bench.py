@@ -21,16 +21,11 @@ from .lamp_board import BoardLamp, BoardState, LampBoard, without_color
 from .sources import LampSource, LampSum
 from .worker import Superseded, in_words
 
-MOST_FINISHED = 8
-"""States whose light is kept: 2.4 MB each for 100,000 vertices."""
-
 MOST_ALONE = 32
 """Lamps with separate terms. Beyond this number, unchanged lamps from the start share one."""
 
-MOST_GLIMPSES = 4
-
 SPARE = 8
-"""Terms kept for undo beside those of the present lamps: 3.6 MB each for 100,000 vertices."""
+"""States and glimpses kept, and terms beside those of the present lamps: 2.4 to 3.6 MB each for 100,000 vertices."""
 
 DARK = "the lamps light nothing: they are inside a wall, outside, or face away"
 
@@ -147,7 +142,7 @@ class LampBench:
             term = self._terms.get(key) or self._glimpses.get(key)
             if term is None:
                 term = LampTerm(self.source.light_of(_bare(lamps), state.captured).glimpse(), None, None, axis)
-                _keep(self._glimpses, key, term, MOST_GLIMPSES)
+                _keep(self._glimpses, key, term, SPARE)
             found.append(self._parts_of(lamps, term))
         if not found:
             nothing = self.source.light_of((), state.captured).glimpse()
@@ -218,7 +213,7 @@ class LampBench:
 
     def _take_finished(self, state: BoardState, found: tuple[LightBeside, bool]) -> None:
         first = self._finished.pop(self.board.start)
-        _keep(self._finished, state, found[0], MOST_FINISHED)
+        _keep(self._finished, state, found[0], SPARE)
         self._finished[self.board.start] = first
         if found[1]:
             self._dark.add(state)

@@ -11,9 +11,10 @@ from splat2mesh.base.arrays import Triple
 from splat2mesh.base.errors import InputError
 from splat2mesh.scene.color import luminance
 
-from ..lamps.asked import LARGEST_EV, AskedLamp, Brightness, LampScale, moved, resolve
+from ..lamps.asked import LARGEST_EV, AskedLamp, Brightness, LampScale, resolve
 from ..lamps.color import WHITE
 from ..lamps.fields import changed
+from ..lamps.moving import shifted
 from ..lamps.photometry import axis_intensity
 from ..lamps.placing import asked_lamps
 from ..lamps.saving import write_lamps
@@ -140,7 +141,7 @@ class LampBoard:
         offset = np.subtract(checked_vector("position", position), place_of(asked))
         if offset.any():
             x, y, z = offset.tolist()
-            self.put(number, replace(asked, shape=moved(asked.shape, (x, y, z))), merge)
+            self.put(number, replace(asked, shape=shifted(asked.shape, (x, y, z))), merge)
 
     def remove(self, number: int) -> None:
         """Remove a lamp."""

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from splat2mesh.base.arrays import Triple
-from splat2mesh.base.errors import InputError
 from splat2mesh.base.sphere import fibonacci_sphere
 from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
 
 from ..lamps.color import TEMPERATURES, parse_color
 from .lamp_board import LampBoard, bulb_at, place_of
+from .pointing import surface_at, tried
 from .recording import free_name
 
 if TYPE_CHECKING:
@@ -89,7 +89,7 @@ class LampTool:
 
     def put(self, x: float, y: float) -> None:
         """Add a bulb near the surface at a pixel; without a surface show a message."""
-        hit = self._surface(x, y)
+        hit = surface_at(self._window, self._source, x, y)
         if hit is None:
             self._window.note = "no surface there: click on a surface to add a lamp"
             return
@@ -123,7 +123,11 @@ class LampTool:
         grip, board = self._grip, self._board
         if grip is None or board.state.of(grip.number) is None:
             return
-        hit = None if freely or grip.base is None else self._surface(x + grip.base[0], y + grip.base[1])
+        hit = (
+            None
+            if freely or grip.base is None
+            else surface_at(self._window, self._source, x + grip.base[0], y + grip.base[1])
+        )
         if hit is None:
             eye, direction = self._window.orbit.ray(x + grip.shift[0], y + grip.shift[1], self._window.size)
             place = eye + direction * (grip.depth / float(-direction @ self._window.orbit.axes[2]))
@@ -186,12 +190,12 @@ class LampTool:
             self._window.note = "the lamps of this session cannot be changed: open it by relight SCENE --view"
             return
         path = Path(path) if path else self.path or (free_name(OTHER_FILES) if Path(FILE).exists() else Path(FILE))
-        try:
+
+        def save() -> None:
             board.save(path)
-        except (OSError, InputError) as error:
-            self._window.note = str(error)
-        else:
             self.path, self._window.note = path, f"saved {path.absolute()}"
+
+        tried(self._window, save)
 
     def leave(self) -> None:
         """Save unsaved changes made with the mouse."""
@@ -200,12 +204,8 @@ class LampTool:
             self.save()
 
     def _do(self, change: Callable[[], object]) -> None:
-        """Make a change; show a message if it is refused."""
         self._used = True
-        try:
-            change()
-        except InputError as error:
-            self._window.note = str(error)
+        tried(self._window, change)
 
     def _selected(self) -> int | None:
         board = self._window.session.lamps
@@ -251,16 +251,6 @@ class LampTool:
             return None
         focal = orbit.focal(self._window.size)
         return width / 2 - focal * right / backward, height / 2 - focal * up / backward
-
-    def _surface(self, x: float, y: float) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-        """The surface point at a pixel, and its unit normal towards the eye."""
-        eye, direction = self._window.orbit.ray(x, y, self._window.size)
-        hits = self._source.first_hits(np.concatenate([eye, direction])[None].astype(np.float32))
-        distance = float(hits.distance[0])
-        if not math.isfinite(distance):
-            return None
-        normal = hits.normals[0].astype(np.float64)
-        return eye + distance * direction, normal if normal @ direction < 0.0 else -normal
 
     def _free(self, place: NDArray[np.float64], normal: NDArray[np.float64]) -> float:
         """Distance from a surface along its normal to the next surface."""

@@ -14,11 +14,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from splat2mesh.base.arrays import Radiance
 from splat2mesh.base.errors import InputError
 from splat2mesh.scene.scene import Scene
 
 from ..engine.relighter import Relighter
 from ..light.environment import Environment
+from ..light.pooling import pooled
 from ..options import LightingOptions
 from ..sh import harmonics
 from ..sh.sphere import fibonacci_sphere
@@ -172,8 +174,10 @@ class SessionLighting:
             warnings.simplefilter("always")
             environment = self._environment(wish)
             coefficients = environment.rotated(-environment.rotation_deg).sh(harmonics.MAX_BANDS)
-        step = -(-environment.radiance.shape[1] // SKY_WIDTH)
-        return SessionLight(coefficients, _pool(environment.radiance, step), "; ".join(str(w.message) for w in caught))
+        sky: Radiance = environment.radiance
+        if sky.shape[1] > SKY_WIDTH:
+            sky = pooled(sky, (SKY_WIDTH // 2, SKY_WIDTH))
+        return SessionLight(coefficients, np.asarray(sky, np.float32), "; ".join(str(w.message) for w in caught))
 
     def _unshadowed(self, wish: LightWish) -> NDArray:
         return np.asarray(analytic(self.scene.normals, UNSHADOWED_BANDS), np.float32)
@@ -315,33 +319,14 @@ def check_albedos(scene: Scene, albedos: Mapping[str, NDArray | None]) -> dict[s
 def _gather(occluder: "Occluder", rows: NDArray, radiance: NDArray, foliage: "Foliage | None" = None) -> NDArray:
     """Light (R, 3) float32 that white vertices `rows` receive from a scene whose exit radiance is `radiance` (V, 3).
 
-    Like rows of `relight.transfer.bounces` but with many more rays. Back faces are black. A volume of a Foliage sees
-    less of the sky than a surface: its occluded part takes the radiance that the rays meet.
+    A volume of a Foliage sees less of the sky than a surface: its occluded part takes the radiance that the rays meet.
     """
-    from ..transfer import sampling
+    from ..transfer.first_bounce import first_bounce
 
-    rays = np.zeros((len(rows), SAMPLE_RAYS, 6), np.float32)
-    azimuths = sampling.fibonacci_azimuths(SAMPLE_RAYS)
-    sampling.shoot(occluder.origins[rows], occluder.normals[rows], azimuths, 0, rays)
-    _, faces, uv, normals = occluder.first_hits(rays)
-    corners = occluder.faces[faces]
-    outward = np.einsum("rsi,rsi->rs", normals, occluder.normals[corners].sum(axis=2))
-    facing = np.einsum("rsi,rsi->rs", normals, rays[..., 3:])
-    front = (faces >= 0) & (np.where(outward >= 0.0, facing, -facing) < 0.0)
-    weights = np.concatenate([1.0 - uv.sum(axis=2, keepdims=True), uv], axis=2) * front[..., None]
-    light = np.einsum("rsk,rskc->rc", weights, radiance[corners]).astype(np.float32) / SAMPLE_RAYS
+    met = np.zeros(len(rows), np.float32)
+    light = first_bounce(occluder, np.asarray(radiance, np.float32), SAMPLE_RAYS, rows, met=met)
     if foliage is None:
         return light
     share, free, _ = foliage.seen(rows, fibonacci_sphere(SAMPLE_RAYS))
-    met = (faces >= 0).mean(axis=1)
     hidden = met + share * (1.0 - free.mean(axis=1) - met)
     return light * (hidden / np.maximum(met, 1.0 / SAMPLE_RAYS)).astype(np.float32)[:, None]
-
-
-def _pool(image: NDArray, step: int) -> NDArray:
-    """The image with `step` by `step` texels averaged; a remainder at the right and lower edge is dropped."""
-    if step <= 1:
-        return np.asarray(image, np.float32)
-    height, width = image.shape[0] // step, image.shape[1] // step
-    blocks = image[: height * step, : width * step].reshape(height, step, width, step, 3)
-    return blocks.mean(axis=(1, 3), dtype=np.float64).astype(np.float32)

@@ -1,40 +1,26 @@
 """The mouse of a session's window: buttons, sliders and the split line, the camera, the light, lamps, objects."""
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from .camera import ORBIT_DEG
-from .controls import SLIDERS, ControlledWindow
+from .controls import SLIDERS
 from .hand_tool import HandTool
 from .lamp_tool import LampTool
 from .object_tool import ObjectTool
 
 if TYPE_CHECKING:
-    from .panel import HotArea, Panel
+    from .panel import HotArea
+    from .window_view import WindowView
 
 STILL = 4
 """Most pixels that the mouse moves within a click."""
 
 
-class MouseWindow(ControlledWindow, Protocol):
-    """A `window.Window` as the mouse acts on it."""
-
-    @property
-    def panel(self) -> "Panel": ...
-
-    @property
-    def pointer(self) -> tuple[int, int]: ...
-
-    @property
-    def shift(self) -> bool: ...
-
-    def press_key(self, key: str) -> None: ...
-
-
 class Mouse:
     """The actions of the mouse in a Window. lamps: the LampTool. objects: the ObjectTool. hand: the HandTool."""
 
-    def __init__(self, window: MouseWindow) -> None:
+    def __init__(self, window: "WindowView") -> None:
         self._window = window
         self.lamps: LampTool = LampTool(window)
         self.objects: ObjectTool = ObjectTool(window)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from splat2mesh.base.errors import InputError
 
+from .controls import KEY_NAMES
 from .waiting import Served
 from .window import IDLE_SECONDS
 
@@ -46,10 +47,11 @@ def serve(window: "Window", place: Served, announce: Callable[[str], None] = lam
     server = get_server("relight", client_type="vue3")
     server.cli.set_defaults(authKey=place.token, nosignalhandlers=True)  # we handle Ctrl-C
     server.state.trame__title = f"{window.session.name} \N{MIDDLE DOT} relight"
+    symbols = {" ": "space"} | {label: symbol for symbol, label in KEY_NAMES.items()}  # the browser's label -> VTK's
     window.tick()
 
     def press(key: str) -> None:
-        window.press_key(_SYMBOLS.get(key, key))
+        window.press_key(symbols.get(key, key.removeprefix("Arrow")))
 
     with VAppLayout(server) as layout:
         keys = html.Div(
@@ -98,19 +100,3 @@ async def run_loop(window: "Window", push: Callable[[], Any]) -> None:
             await asyncio.sleep(IDLE_SECONDS)
     finally:
         window.close()
-
-
-_SYMBOLS = {
-    "ArrowLeft": "Left",
-    "ArrowRight": "Right",
-    "ArrowUp": "Up",
-    "ArrowDown": "Down",
-    " ": "space",
-    "-": "minus",
-    "=": "equal",
-    ",": "comma",
-    ".": "period",
-    "[": "bracketleft",
-    "]": "bracketright",
-}
-"""VTK's key symbols by the browsers' names of keys."""

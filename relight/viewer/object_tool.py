@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from splat2mesh.base.errors import InputError
+from .pointing import tried
 
 if TYPE_CHECKING:
     from .object_bench import ObjectBench
@@ -114,11 +114,9 @@ class ObjectTool:
         self, number: int, at: tuple[float, float, float], turn_deg: float | None = None, lifted: bool = False
     ) -> None:
         merge = ("drag", number) if self.holds else None
-        assert self._bench is not None
-        try:
-            self._bench.put(number, at, turn_deg, lifted, merge)
-        except InputError as error:
-            self._window.note = str(error)
+        bench = self._bench
+        assert bench is not None
+        tried(self._window, lambda: bench.put(number, at, turn_deg, lifted, merge))
 
     def _tell(self, number: int) -> None:
         """Show the options that place the object at its present pose."""

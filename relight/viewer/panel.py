@@ -7,7 +7,7 @@ import numpy as np
 
 from ..output.kinds import PICTURE_SIZE
 from ..transfer.settings import BOUNCES, SUN
-from .canvas import BAR, CHIP, DARK, DIM, HANDLE, IDLE, KEY, ON, TEXT, TITLE, TRACK, WARNING, Canvas
+from .canvas import BAR, CHIP, DARK, DIM, HANDLE, IDLE, KEY, ON, TEXT, WARNING, Canvas
 from .controls import CONTROLS, MOUSE, SLIDERS, Control, Slider, key_name
 from .hand_panel import draw_hand
 from .lighting import CONVERGED, SAMPLE, STAGES, FinishedShading
@@ -26,10 +26,12 @@ DESIGN_SIZE = PICTURE_SIZE
 """Of the window in which a unit is a pixel; others are scaled by what fits."""
 
 SCALES = 0.5, 3.0
-TOP, BOTTOM = 48, 96
+TOP = 48
+BOTTOM = 2 * TOP
 """Heights of the two bars."""
 
-_MARGIN, _GAP = 16, 8
+_MARGIN = 16
+_GAP = _MARGIN // 2
 _HELP_WIDTH, _HELP_ROW = 720, 21
 _CHIP_ROOM = 180  # for the text of a button: a long name must not push others out of the window
 _MARK = 5  # half the width of the mark of a lamp
@@ -64,6 +66,17 @@ class HotArea(NamedTuple):
         return left <= x < left + width and bottom <= y < bottom + height
 
 
+class OfWindow(NamedTuple):
+    """What a window shows of its own. frames_per_second: or None. note: a line. marks: of lamps."""
+
+    frames_per_second: float | None = None
+    note: str = ""
+    marks: "Sequence[Mark]" = ()
+
+
+NOTHING = OfWindow()
+
+
 class Panel:
     """All text over the scene.
 
@@ -83,20 +96,9 @@ class Panel:
         """Hide it until `draw` is called again."""
         self._canvas.hide()
 
-    def draw(
-        self,
-        session: "Session",
-        size: tuple[int, int],
-        frames_per_second: float | None = None,
-        note: str = "",
-        bare: bool = False,
-        marks: "Sequence[Mark]" = (),
-    ) -> bool:
-        """Update the panel; return whether it changed.
-
-        size: width, height of the window. frames_per_second: to be shown, or None. note: a line of the window's own.
-        bare: nothing but the split line. marks: of lamps.
-        """
+    def draw(self, session: "Session", size: tuple[int, int], own: OfWindow = NOTHING, bare: bool = False) -> bool:
+        """Update the panel; return whether it changed. size: width, height of the window. bare: nothing but the split
+        line."""
         panel = session.state.panel and not bare
         self.hot = []
         width, height = size
@@ -106,10 +108,10 @@ class Panel:
         if session.state.split:
             self._split(session, units, panel)
         if panel:
-            for mark in marks:
+            for mark in own.marks:
                 self._mark(mark)
             self._top(session, units)
-            self._bottom(session, units, frames_per_second, note)
+            self._bottom(session, units, own.frames_per_second, own.note)
             if session.state.help:
                 self._help(session, units)
             elif session.state.by_hand and session.hand is not None:
@@ -126,14 +128,14 @@ class Panel:
         for control in reversed([control for control in CONTROLS if control.row == "modes"]):
             right -= self._chip(session, control, right, base + 12, from_right=True) + _GAP
         count = sum(len(chunk.vertices) for chunk in session.scene.chunks)
-        self._canvas.text(_MARGIN, base + 27, session.name, TEXT, TITLE)
+        self._canvas.text(_MARGIN, base + 27, session.name, TEXT, KEY)
         lit = session.answers.lit
         facts = f"{count:,} vertices" + (f", {lit.settings}" if lit else "")
         self._canvas.text(_MARGIN, base + 10, self._canvas.fitted(facts, right - 2 * _MARGIN), DIM)
         progress = session.answers.progress
         if progress and not session.settled:
             share = progress[1] if progress[1] is not None else 1.0
-            self._canvas.rectangle(0, base - 2, width * share, 2, ON if progress[1] is not None else TRACK)
+            self._canvas.rectangle(0, base - 2, width * share, 2, ON if progress[1] is not None else CHIP)
 
     def _bottom(self, session: "Session", units: Units, frames_per_second: float | None, note: str) -> None:
         width, _ = units
@@ -175,7 +177,7 @@ class Panel:
         self._canvas.text(left, base + 16, slider.text, DIM)
         text = slider.show(value)
         self._canvas.text(left + width - self._canvas.width(text), base + 16, text, TEXT)
-        self._canvas.rectangle(left, base + 4, width, 3, TRACK)
+        self._canvas.rectangle(left, base + 4, width, 3, CHIP)
         if slider.field == "exposure_ev":
             middle = left + width / 2
             start, end = sorted((middle, left + width * share))

@@ -38,8 +38,8 @@ from .worker import ProcessWorker
 if TYPE_CHECKING:
     from ..insert.inserts import InsertedLight
 
-REST_SECONDS = 0.15
-"""Seconds without motion before a request for a new angle: long enough for the user to have stopped."""
+REST_SECONDS = 0.2
+"""Seconds without motion before a request for a new angle or smooth edges: long enough for the user to have stopped."""
 
 
 class Session:

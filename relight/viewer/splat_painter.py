@@ -11,13 +11,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from splat2mesh.render.footprints import TILE
 from splat2mesh.render.rasterize import rasterize
 from splat2mesh.render.view import View
 from splat2mesh.scene.scene import Scene
-from splat2mesh.splats.splats import SH_C0, Splats
+from splat2mesh.splats.harmonics import sh_basis_3dgs
+from splat2mesh.splats.splats import Splats
 
 from ..output.picture import NEAR
-from ..sh import harmonics
 from ..splats.blending import Blending, blending_of
 from .camera import Orbit
 
@@ -80,14 +81,9 @@ class SplatPainter:
     def _look(self, splats: Splats, orbit: Orbit, size: tuple[int, int]) -> _Seen:
         view, found = self._view(orbit, size), []
         blending = blending_of(splats, [view], self._near, lambda _, alpha, __: found.append(alpha.copy()))
-        count = splats.sh.shape[1]
-        if count == 1:
-            basis = np.full((len(splats), 1), SH_C0, np.float32)
-        else:
-            toward = splats.means - view.center
-            toward = toward / np.maximum(np.linalg.norm(toward, axis=1, keepdims=True), 1e-12)
-            bands = round(count**0.5)
-            basis = (harmonics.evaluate(toward, bands) * _signs(bands)).astype(np.float32)
+        toward = splats.means - view.center
+        toward = toward / np.maximum(np.linalg.norm(toward, axis=1, keepdims=True), 1e-12)
+        basis = sh_basis_3dgs(toward, splats.degree).astype(np.float32)
         return _Seen(orbit, size, splats.opacities, blending, found[0], basis)
 
     def scene_view(self, orbit: Orbit, size: tuple[int, int]) -> View:
@@ -112,15 +108,8 @@ def joined(left: NDArray[np.uint8], right: NDArray[np.uint8], split_at: float) -
     return np.concatenate([left[:, :column], right[:, column:]], axis=1)
 
 
-def _signs(bands: int) -> NDArray[np.float64]:
-    """(-1)^m of each coefficient: splat files include this sign, our harmonics do not."""
-    return np.array([(-1.0) ** m for degree in range(bands) for m in range(-degree, degree + 1)])
-
-
 def _out_of_tiles(tiles: NDArray[np.float32], size: tuple[int, int]) -> NDArray[np.float32]:
     """Pixels of tiles, (P, 3), as an image (H, W, 3): the inverse of `in_tiles`."""
-    from splat2mesh.render.footprints import TILE
-
     width, height = size
     down, across = -(-height // TILE), -(-width // TILE)
     whole = tiles.reshape(down, across, TILE, TILE, 3).swapaxes(1, 2).reshape(down * TILE, across * TILE, 3)

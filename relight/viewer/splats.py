@@ -24,7 +24,6 @@ from ..splats.sky import FarSplats
 if TYPE_CHECKING:
     from ..insert.inserts import InsertedLight
     from ..splats import Binding
-    from .session_view import SessionView
 
 WAITING = "binding the splats to the mesh"
 """Text of the panel until then, while the captured splats show."""
@@ -124,7 +123,7 @@ class RelitSplats:
                 self.failure = f"the splats stay without their fit: {done.exception()}"
         return changed
 
-    def shown(self, session: "SessionView", rests: bool, wait: bool = False) -> Splats:
+    def shown(self, session: Any, rests: bool, wait: bool = False) -> Splats:
         """The Splats under the present light of a session, in order, in their own frame.
 
         rests: whether the light rests, so that a fit is worthwhile. wait: until they are bound and fitted.
@@ -162,9 +161,7 @@ class RelitSplats:
             return self.source.captured
         return self._quick[1]
 
-    def _relighting(
-        self, session: "SessionView", wanted: _Wanted, binding: "Binding", far: FarSplats
-    ) -> Callable[..., Splats]:
+    def _relighting(self, session: Any, wanted: _Wanted, binding: "Binding", far: FarSplats) -> Callable[..., Splats]:
         """The function that relights the splats as a session wants them now: all, or with 0 rounds what is quick."""
         look, state, mixture = self.source.looks[wanted.albedo], session.state, wanted.mixture
         light = session.answers.light
@@ -202,9 +199,7 @@ class RelitSplats:
         self._thread.shutdown(wait=False, cancel_futures=True)
 
 
-def _mirrored(
-    session: "SessionView", wanted: _Wanted, glossy: bool
-) -> Callable[[NDArray[np.floating]], NewLight | None]:
+def _mirrored(session: Any, wanted: _Wanted, glossy: bool) -> Callable[[NDArray[np.floating]], NewLight | None]:
     """The function for what glossy splats mirror of the present light of a session, whose vertices receive so much."""
     state, light, mixture = session.state, session.answers.light, wanted.mixture
     board, bench = session.lamps, session.bench

@@ -146,22 +146,21 @@ class Stage:
             faces = np.concatenate([faces, standing.faces + len(scene.vertices)])
             shown, before = np.concatenate([shown, objects.shown]), np.concatenate([before, objects.shown])
         if self._raster is None:
-            self._raster = Raster(vertices, faces, scene.diagonal)
+            self._raster = Raster(vertices, faces)
         self._raster.look(orbit, size)
-        captured, sky = (None if split is None else before), (None if angle_deg is None else self._sky_bytes)
-        backdrop = np.round(255.0 * np.array(BACKDROP))
-        return self._raster.paint(shown, captured, split or 0.0, sky, angle_deg or 0.0, backdrop)
+        captured = None if split is None else (before, split)
+        return self._raster.paint(shown, captured, self._sky_at(angle_deg), np.round(255.0 * np.array(BACKDROP)))
 
     def behind(self, orbit: Orbit, size: tuple[int, int], angle_deg: float | None = None) -> NDArray:
         """The background of the scene, (H, W, 3) uint8, bottom row first: the sky at an angle, or without."""
         if self._behind is None:
-            self._behind = Raster(np.zeros((0, 3)), np.zeros((0, 3)), self._scene.diagonal)
+            self._behind = Raster(np.zeros((0, 3)), np.zeros((0, 3)))
         self._behind.look(orbit, size)
-        sky = None if angle_deg is None else self._sky_bytes
         nothing = np.zeros((0, 3), np.uint8)
-        return self._behind.paint(
-            nothing, sky=sky, angle_deg=angle_deg or 0.0, backdrop=np.round(255.0 * np.array(BACKDROP))
-        )
+        return self._behind.paint(nothing, None, self._sky_at(angle_deg), np.round(255.0 * np.array(BACKDROP)))
+
+    def _sky_at(self, angle_deg: float | None) -> tuple[NDArray, float] | None:
+        return None if angle_deg is None or self._sky_bytes is None else (self._sky_bytes, angle_deg)
 
     def show_picture(self, picture: NDArray | None) -> None:
         """Show these bytes, (H, W, 3) uint8 with the bottom row first, instead of surface and sky; None ends that.

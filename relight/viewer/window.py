@@ -19,18 +19,16 @@ from .camera import Orbit
 from .controls import CONTROLS
 from .modes import surface_colors
 from .mouse import Mouse
-from .panel import Panel, bars_of
+from .panel import OfWindow, Panel, bars_of
 from .raster import prepare
 from .recording import Recording, free_name
 from .request import Turntable
-from .session import Session
+from .session import REST_SECONDS, Session
 from .splat_painter import coarser, joined
 from .stage import MOVING_SAMPLES, RESTING_SAMPLES, Stage, pixels
 
 SIZE = 1280, 800
 TURN_DEG_PER_SECOND = 36.0  # of a light that turns by itself
-RESTING_SECONDS = 0.25  # of stillness before edges are smoothed
-PANEL_SECONDS = 0.2  # between two updates of figures that change continuously
 IDLE_SECONDS = 0.005  # between two polls of mouse and worker
 FRAMES_AVERAGED = 12
 RESTING_OBJECT_SAMPLES = 2  # along the side of a pixel
@@ -136,16 +134,16 @@ class Window:
         if changed:
             self._moved = now
             self._times = [*self._times[-FRAMES_AVERAGED:], now] if now - max(self._times, default=0) < 0.5 else [now]
-        rests = now - self._moved > RESTING_SECONDS
+        rests = now - self._moved > REST_SECONDS
         sharpens = rests and not self._resting
         if changed or sharpens:
             self._draw_scene(rests)
-        if changed or now - self._panelled > PANEL_SECONDS:
+        if changed or now - self._panelled > REST_SECONDS:  # figures change continuously
             self._panelled = now
             rate = self.frames_per_second if not rests else None
-            changed |= self.panel.draw(session, self.size, rate, self.note, marks=self.mouse.lamps.marks())
+            changed |= self._draw_panel(rate)
         elif sharpens:
-            self.panel.draw(session, self.size, None, self.note, marks=self.mouse.lamps.marks())
+            self._draw_panel()
         if not (changed or sharpens):
             return False
         self.plotter.render_window.Render()
@@ -232,8 +230,12 @@ class Window:
     def _draw_now(self, panel: bool = True) -> None:
         self.session.poll()
         self._draw_scene(True, wait=True)
-        self.panel.draw(self.session, self.size, None, self.note, not panel, self.mouse.lamps.marks())
+        self._draw_panel(bare=not panel)
         self.plotter.render_window.Render()
+
+    def _draw_panel(self, rate: float | None = None, bare: bool = False) -> bool:
+        own = OfWindow(rate, self.note, self.mouse.lamps.marks())
+        return self.panel.draw(self.session, self.size, own, bare)
 
     def _draw_scene(self, rests: bool, wait: bool = False) -> None:
         """Update surface, sky and camera, for a picture at rest or in motion.

@@ -106,7 +106,7 @@ def swollen(chunk, step):
 
 
 def products(counts, report):
-    ways = "float32", "with_albedo", "BLAS"
+    ways = "float32", "BLAS"
     columns = {"vertices": ",", "K": "d", "copy_ms": ".3f"}
     for way in ways:
         columns |= {f"{way}_ms": ".3f", f"{way}_x": ".1f"}
@@ -116,14 +116,13 @@ def products(counts, report):
         for coefficients in (9, 25, 64):
             transfer = rng.normal(size=(count, coefficients)).astype(np.float32)
             light = rng.normal(size=(coefficients, 3)).astype(np.float32)
-            out, albedo = np.zeros((count, 3), np.float32), rng.random((count, 3)).astype(np.float32)
+            out = np.zeros((count, 3), np.float32)
             source = np.ones((transfer.nbytes + out.nbytes) // 8, np.float32)  # read and written: as many in all
             target = np.zeros_like(source)
             whole = BlockTransfer(transfer)
             works = [
                 lambda _, a=target, b=source: np.copyto(a, b),
-                lambda _, p=whole, c=light, o=out: p.radiance(c, o),
-                lambda _, p=whole, c=light, o=out, a=albedo: p.radiance(c, o, a),
+                lambda _, p=whole, c=light: p.apply(c),
                 lambda _, t=transfer, c=light, o=out: np.maximum(np.matmul(t, c, out=o), 0, out=o),
             ]
             best = np.full(len(works), np.inf)
@@ -137,40 +136,34 @@ def products(counts, report):
 
 
 def latencies(counts, frames, environment, report):
-    works = "rotate", "swap", "albedo", "one_of_ten_chunks"
+    works = "rotate", "swap", "one_of_ten_chunks"
     columns = {"vertices": ",", "bands": "d", "rays": "d"} | dict.fromkeys(works, "<22")
     table = report.table("latencies, ms: median, 95% (median processor ms)", **columns, rows_new=",.0f")
-    rng = np.random.default_rng(1)
     for count in counts:
         scene = ground(count)
         for bands, rays in ((3, 32), (8, 128)) if count < 500_000 else ((3, 32),):
             live = DynamicTransfer(scene, [4], bands, rays)
             product, light = BlockTransfer(live.transfer), environment.sh(bands)
-            out = np.zeros((len(live.transfer), 3), np.float32)
-            albedos = [rng.random(out.shape).astype(np.float32) for _ in range(2)]
 
-            def rotate(step, product=product, out=out, bands=bands):
-                product.radiance(environment.rotated(7.0 * step).sh(bands), out)
+            def rotate(step, product=product, bands=bands):
+                product.apply(environment.rotated(7.0 * step).sh(bands))
 
-            def swap(step, product=product, out=out, bands=bands):
-                product.radiance(Environment(environment.radiance).sh(bands), out)
-
-            def recolor(step, product=product, light=light, out=out, albedos=albedos):
-                product.radiance(light, out, albedos[step % 2])
+            def swap(step, product=product, bands=bands):
+                product.apply(Environment(environment.radiance).sh(bands))
 
             rows, repeats = [], max(3, frames if count < 500_000 else frames // 4)
             poses = [swollen(scene.chunks[4], step) for step in range(repeats + 1)]
 
-            def deform(step, poses=poses, live=live, product=product, light=light, out=out, rows=rows):
+            def deform(step, poses=poses, live=live, product=product, light=light, rows=rows):
                 new = live.update(4, *poses[step])
                 rows.append(len(new))
                 product.write(new, live.transfer[new])
-                product.radiance(light, out)
+                product.apply(light)
 
             live.update(4, *poses[-1])
-            cells = [shown(measured(work, 3 * repeats), 2) for work in (rotate, swap, recolor)]
+            cells = [shown(measured(work, 3 * repeats), 2) for work in (rotate, swap)]
             cells.append(shown(measured(deform, repeats)))
-            row = {"vertices": len(out), "bands": bands, "rays": rays} | dict(zip(works, cells, strict=True))
+            row = {"vertices": product.count, "bands": bands, "rays": rays} | dict(zip(works, cells, strict=True))
             table.add(**row, rows_new=float(np.median(rows)))
 
 

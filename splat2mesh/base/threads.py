@@ -74,7 +74,7 @@ def in_order(function: Callable, *columns: Iterable, workers: int | None = None)
     return _pool().map(function, *columns)
 
 
-def in_batches(function: Callable[[slice], Any], count: int, size: int) -> None:
+def in_batches(function: Callable[[slice], Any], count: int, size: int = 1 << 14) -> None:
     """Call a function for slice after slice of `size` rows, on all cores; it writes what it finds."""
     deque(in_order(function, [slice(start, start + size) for start in range(0, count, size)]), maxlen=0)
 

@@ -30,6 +30,12 @@ class Closest(NamedTuple):
     uv: NDArray[np.float32]
 
 
+def corner_weights(uv: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Weights (N, 3) of the three vertices of a face at uv (N, 2), as of Hits."""
+    second, third = uv.T
+    return np.stack([np.maximum(1.0 - second - third, 0.0), second, third], axis=1)
+
+
 class RayCaster:
     """Triangles, opaque from both sides, ready for rays (..., 6) float32: an origin and a direction of any length."""
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from disc_scenes import WHITE, disc, every, floor, form_factor, grid, standing_of
 
-from relight.insert.gathering import change_at, light_on
+from relight.insert.gathering import Casting, change_at, light_on
 from relight.insert.objects import InsertedObject, Part
 from relight.insert.standing import Standing
 from relight.insert.surroundings import Receiving, Sky, surroundings_of
@@ -20,7 +20,7 @@ def test_a_black_disc_hides_its_form_factor_of_an_even_sky(height):
     scene, occluder, black = floor()
     around = surroundings_of(scene, occluder, black, [Sky(WHITE, 2.0)], [])
     standing = standing_of(scene, *disc(0.5, height), albedo=0.0)
-    change = change_at(around, standing, np.zeros_like(standing.vertices), 256, every(occluder))
+    change = change_at(around, standing, np.zeros_like(standing.vertices), Casting(256), every(occluder))
     distance = np.linalg.norm(scene.vertices[:, [0, 2]], axis=1)
     reached = distance < 3.0
     wanted = -2.0 * form_factor(distance, height, 0.5)[:, None]
@@ -32,10 +32,10 @@ def test_a_disc_that_sends_what_it_hides_changes_nothing_and_a_brighter_one_adds
     scene, occluder, black = floor()
     around = surroundings_of(scene, occluder, black, [Sky(WHITE, 1.0)], [])
     standing = standing_of(scene, *disc(0.5, 0.4), albedo=1.0)
-    same = change_at(around, standing, np.ones_like(standing.vertices), 32, every(occluder))
+    same = change_at(around, standing, np.ones_like(standing.vertices), Casting(32), every(occluder))
     np.testing.assert_allclose(same, 0.0, atol=1e-5)
-    hidden = change_at(around, standing, np.zeros_like(standing.vertices), 32, every(occluder))
-    brighter = change_at(around, standing, np.full_like(standing.vertices, 2.0), 32, every(occluder))
+    hidden = change_at(around, standing, np.zeros_like(standing.vertices), Casting(32), every(occluder))
+    brighter = change_at(around, standing, np.full_like(standing.vertices, 2.0), Casting(32), every(occluder))
     np.testing.assert_allclose(brighter, -hidden, atol=1e-5)
 
 
@@ -46,7 +46,7 @@ def test_what_stands_between_place_and_object_keeps_the_change_from_it_to_the_bi
     occluder = Occluder(both.vertices, both.normals, both.faces)
     around = surroundings_of(both, occluder, np.zeros_like(both.vertices), [Sky(WHITE, 1.0)], [])
     standing = standing_of(both, *disc(0.5, 0.5), albedo=0.5)
-    change = change_at(around, standing, np.zeros_like(standing.vertices), 32, every(occluder))
+    change = change_at(around, standing, np.zeros_like(standing.vertices), Casting(32), every(occluder))
     inner = np.abs(vertices[:, [0, 2]]).max(axis=1) < 4.0
     assert not change[: len(vertices)][inner].any()
     assert change[len(vertices) :].any()
@@ -67,7 +67,8 @@ def test_surfaces_that_are_hidden_count_like_the_sky():
     sent[len(vertices) :] = 0.7
     around = surroundings_of(room, occluder, sent, [], [])
     standing = standing_of(room, *disc(0.5, 0.5), albedo=0.0)
-    change = change_at(around, standing, np.zeros_like(standing.vertices), 256, every(occluder))[: len(vertices)]
+    found = change_at(around, standing, np.zeros_like(standing.vertices), Casting(256), every(occluder))
+    change = found[: len(vertices)]
     distance = np.linalg.norm(vertices[:, [0, 2]], axis=1)
     reached = distance < 1.5
     wanted = -0.7 * form_factor(distance, 0.5, 0.5)[reached]
@@ -79,7 +80,7 @@ def test_a_lamp_throws_the_shadow_of_a_disc_and_reaches_all_else():
     lamp = SphereLamp((0.0, 2.0, 0.0), 0.01, (5000.0, 5000.0, 5000.0))
     around = surroundings_of(scene, occluder, black, [], [lamp])
     standing = standing_of(scene, *disc(0.5, 1.0), albedo=0.0)
-    change = change_at(around, standing, np.zeros_like(standing.vertices), 32, every(occluder))
+    change = change_at(around, standing, np.zeros_like(standing.vertices), Casting(32), every(occluder))
     distance = np.linalg.norm(scene.vertices[:, [0, 2]], axis=1)
     inside, outside = distance < 0.95, distance > 1.05  # twice the disc, and a soft edge
     unhidden = 5000.0 * 0.01**2 * 2.0 / (distance**2 + 4.0) ** 1.5
@@ -95,7 +96,7 @@ def test_a_sun_throws_its_shadow_where_it_falls():
     around = surroundings_of(scene, occluder, black, [Sky(sunny, 1.0)], [])
     assert 1 <= len(around.suns) < 64  # parts of one texel
     standing = standing_of(scene, *disc(0.5, 1.0), albedo=0.0)
-    change = change_at(around, standing, np.zeros_like(standing.vertices), 16, every(occluder))
+    change = change_at(around, standing, np.zeros_like(standing.vertices), Casting(16), every(occluder))
     direction = around.suns.directions.mean(axis=0)
     direction /= np.linalg.norm(direction)
     spot = -direction[[0, 2]] / direction[1]

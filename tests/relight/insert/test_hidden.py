@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from disc_scenes import WHITE, disc, every, floor, form_factor, standing_of
 
-from relight.insert.gathering import change_at
+from relight.insert.gathering import Casting, change_at
 from relight.insert.hidden import HiddenLight
 from relight.insert.standing import Standing
 from relight.insert.surroundings import Sky, surroundings_of
@@ -49,7 +49,7 @@ def test_the_shadow_of_a_sun_falls_where_rays_find_it():
     reached = hidden.reached(there, at, 1.0 / 16.0)
     found = np.zeros_like(black)
     found[reached] = hidden.logarithms(there, at.of(np.flatnonzero(reached)))
-    change = change_at(around, there, np.zeros_like(there.vertices), 64, at)[:, 1]
+    change = change_at(around, there, np.zeros_like(there.vertices), Casting(64), at)[:, 1]
     dark = change < 0.8 * change.min()  # of the sun
     assert dark.sum() > 50
     assert ((found[:, 1] < -0.5) != dark).sum() < 0.15 * dark.sum()  # a texel along the edge

@@ -8,7 +8,7 @@ from insert_places import disc, floor_place, grid_floor, request, rows
 
 from relight import plan_relight
 from relight.cli import main
-from relight.insert.gathering import change_at
+from relight.insert.gathering import Casting, change_at
 from relight.insert.insert_plan import evenly_lit, plan_inserts
 from relight.insert.surroundings import Receiving
 from relight.jobs.folders import relight_files
@@ -41,7 +41,7 @@ def test_shares_are_those_of_the_whole_scene(place, tmp_path):
     around = evenly_lit(job.known.scene, occluder)
     plan = plan_inserts(inserts.standing, job.known.scene, around, job.inputs.splats[0])
     at, sent = Receiving(occluder.origins, occluder.normals), inserts.standing.albedo
-    change = np.abs(change_at(around, inserts.standing, sent, 32, at)).max(axis=1)
+    change = np.abs(change_at(around, inserts.standing, sent, Casting(32), at)).max(axis=1)
     assert plan.changed == pytest.approx((change > 0.0042).mean(), abs=0.01)  # all are in the sample
     assert (change > 0.0).mean() <= plan.reach < 1.0
     distance = np.linalg.norm(job.inputs.splats[0].means - [1, 0.4, 0], axis=1)

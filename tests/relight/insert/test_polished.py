@@ -12,7 +12,7 @@ from relight.insert.polished import floor_under, images_of
 from relight.insert.shadowed import shadowed
 from relight.jobs.job import Job
 from relight.options import LightingOptions
-from relight.output.inserted_picture import with_objects
+from relight.output.inserted_picture import PictureAsked, with_objects
 from relight.request import RelightRequest
 from relight.splats.floor_mirror import floor_mirror
 from splat2mesh.base.errors import DataWarning
@@ -92,7 +92,7 @@ def test_a_picture_has_the_image_of_a_mesh(put):
     job, shaded, splats = put
     eye, target = np.array(EYES[2]), np.array([WHERE[0], 0.0, WHERE[1]])
     view = View.look_at(eye, target, [0, 1, 0], 60.0, 64)
-    asked = splats, shaded.inserted, shaded.exposure, view, job.known.scene
+    asked = splats, shaded.inserted, PictureAsked(job.known.scene, view, shaded.exposure)
     plain = with_objects(*asked)
     both = with_objects(*asked, floor=job.known.mirror)
     assert len(both) > len(plain) > len(splats)

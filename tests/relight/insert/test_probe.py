@@ -6,7 +6,7 @@ import numpy as np
 import open3d as o3d
 import pytest
 
-from relight.insert.probe import LightAround, probe, usual_place
+from relight.insert.probe import LightAround, ProbedScene, usual_place
 from relight.insert.surroundings import Sky
 from relight.light.environment import Environment
 from relight.output.probe_files import balls
@@ -50,7 +50,7 @@ def around(matrix):
 @pytest.mark.parametrize("matrix", [np.eye(4), UPSIDE_DOWN], ids=["upright", "upside down"])
 def test_each_direction_shows_what_the_splats_show_there(matrix):
     scene, occluder = around(matrix)
-    image = probe(shell(lambda d: 0.4 + 0.3 * d), scene, occluder, LightAround([], None), 1.0, PLACE)
+    image = ProbedScene(shell(lambda d: 0.4 + 0.3 * d), scene, occluder, LightAround([], None), 1.0).picture(PLACE)
     found = Environment(image, "probe").lookup(fibonacci_sphere(200))
     display = 0.4 + 0.3 * fibonacci_sphere(200) @ matrix[:3, :3]  # directions of the splats' own frame
     wanted = np.where(display <= 0.04045, display / 12.92, ((display + 0.055) / 1.055) ** 2.4)
@@ -61,9 +61,9 @@ def test_a_clipped_sky_takes_what_is_known_of_it_and_any_other_stays():
     scene, occluder = around(np.eye(4))
     sky = Environment(np.full((8, 16, 3), 4.0, np.float32), "sky")
     light = LightAround([Sky(sky, 0.5)], None)
-    white = probe(shell(lambda d: np.ones_like(d)), scene, occluder, light, 2.0, PLACE)
+    white = ProbedScene(shell(lambda d: np.ones_like(d)), scene, occluder, light, 2.0).picture(PLACE)
     np.testing.assert_allclose(np.median(white, axis=(0, 1)), 4.0, rtol=1e-3)
-    grey = probe(shell(lambda d: np.full_like(d, 0.6)), scene, occluder, light, 2.0, PLACE)
+    grey = ProbedScene(shell(lambda d: np.full_like(d, 0.6)), scene, occluder, light, 2.0).picture(PLACE)
     np.testing.assert_allclose(np.median(grey, axis=(0, 1)), ((0.6 + 0.055) / 1.055) ** 2.4, atol=0.08)
 
 
@@ -74,18 +74,17 @@ def test_a_place_inside_of_a_body_is_warned_of_and_one_beside_it_is_not():
     scene, occluder = Scene([mesh]), Occluder(points, points, mesh.faces)
     splats = shell(np.ones_like).take(slice(0, 1))
     with pytest.warns(DataWarning, match="the probe at 0.2,0,0 stands inside something"):
-        probe(splats, scene, occluder, LightAround([], None), 1.0, (0.2, 0.0, 0.0))
+        ProbedScene(splats, scene, occluder, LightAround([], None), 1.0).picture((0.2, 0.0, 0.0))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        probe(splats, scene, occluder, LightAround([], None), 1.0, (1.1, 0.0, 0.0))
+        ProbedScene(splats, scene, occluder, LightAround([], None), 1.0).picture((1.1, 0.0, 0.0))
 
 
 def test_where_no_splat_is_the_sky_is_seen():
     scene, occluder = around(np.eye(4))
     sky = Environment(np.random.default_rng(1).random((8, 16, 3)).astype(np.float32), "sky")
-    image = probe(
-        shell(np.ones_like).take(slice(0, 1)), scene, occluder, LightAround([Sky(sky, 1.0)], None), 3.0, PLACE
-    )
+    splats, light = shell(np.ones_like).take(slice(0, 1)), LightAround([Sky(sky, 1.0)], None)
+    image = ProbedScene(splats, scene, occluder, light, 3.0).picture(PLACE)
     found = Environment(image, "probe").lookup(fibonacci_sphere(100)[:90])
     np.testing.assert_allclose(found, 3.0 * sky.lookup(fibonacci_sphere(100)[:90]), atol=0.05)
 
@@ -93,9 +92,8 @@ def test_where_no_splat_is_the_sky_is_seen():
 def test_a_lamp_is_as_bright_as_it_was_solved_for():
     scene, occluder = around(np.eye(4))
     glow = np.full((3, 3), 20.0, np.float32)
-    image = probe(
-        shell(np.ones_like).take(slice(0, 1)), scene, occluder, LightAround([], glow), 0.5, (0.0, -39.9, 0.03)
-    )
+    splats, light = shell(np.ones_like).take(slice(0, 1)), LightAround([], glow)
+    image = ProbedScene(splats, scene, occluder, light, 0.5).picture((0.0, -39.9, 0.03))
     assert image.max() == pytest.approx(10.0, rel=1e-4)
     assert image[:128].max() < 1.0
 

@@ -12,11 +12,11 @@ from relight.lamps.asked import (
     Brightness,
     LampScale,
     in_words,
-    moved,
     parse_brightness,
     resolve,
 )
 from relight.lamps.color import luminance, parse_color
+from relight.lamps.moving import shifted
 from relight.lamps.photometry import axis_intensity, flux
 from relight.lamps.shapes import MeshLamp, ProfileLamp, RectangleLamp, SphereLamp, SpotLamp, TubeLamp
 from splat2mesh.base.errors import InputError
@@ -103,9 +103,9 @@ def test_words_state_where_the_lamp_is_as_bright_as_the_room(shape):
 
 @pytest.mark.parametrize("shape", SHAPES)
 def test_moving_there_and_back(shape):
-    there = moved(shape, (1.0, -2.0, 0.5))
+    there = shifted(shape, (1.0, -2.0, 0.5))
     assert luminance(flux(there)) == pytest.approx(luminance(flux(shape)))
-    back = moved(there, (-1.0, 2.0, -0.5))
+    back = shifted(there, (-1.0, 2.0, -0.5))
     for name in ("position", "target", "center", "start", "end", "vertices"):
         if hasattr(shape, name):
             assert np.allclose(getattr(there, name), np.add(getattr(shape, name), (1.0, -2.0, 0.5)))

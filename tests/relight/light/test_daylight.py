@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from relight.light import daylight as module
-from relight.light import skies, sun_split
-from relight.light.daylight import DaylightRequest, day_times, daylight, reference_luminance, sky_of
+from relight.light import sun_split
+from relight.light.daylight import DaylightRequest, day_times, reference_luminance, sky_of
 from relight.light.environment import Environment
 from relight.light.projections import row_solid_angles, texel_directions
 from relight.light.sun_position import sun_position
@@ -39,7 +39,7 @@ def bright_center(environment, share=0.2):
 
 
 def test_a_sun_in_the_south_shines_from_plus_z():
-    x, y, z = bright_center(daylight(NOON, *PARIS))
+    x, y, z = bright_center(DaylightRequest(NOON, *PARIS).environment())
     assert z == pytest.approx(np.cos(np.radians(65.45)), abs=2e-3)
     assert y == pytest.approx(np.sin(np.radians(65.45)), abs=2e-3)
     assert abs(x) < 5e-3  # the azimuth is 180 within .2 degrees
@@ -105,7 +105,10 @@ def test_the_disc_keeps_its_energy_and_its_place(clock, monkeypatch):
 
 
 def test_a_clear_noon_in_june_is_as_bright_as_the_built_in_noon():
-    built_in, found = Environment.load("noon").mean_luminance, daylight(NOON, *PARIS).mean_luminance
+    built_in, found = (
+        Environment.load("noon").mean_luminance,
+        DaylightRequest(NOON, *PARIS).environment().mean_luminance,
+    )
     assert built_in == pytest.approx(1.0, rel=1e-5)
     assert found == pytest.approx(1.0, rel=2e-3)  # the reference's sun is at 65.4, this one at 65.45 degrees
     assert 1.4e4 < reference_luminance() < 1.7e4  # cd/m^2
@@ -124,7 +127,7 @@ def test_a_day_gets_light_and_dark_in_true_ratio():
 
 
 def test_the_night_is_a_finite_dim_blue_everywhere():
-    image = daylight(datetime(2026, 12, 21, 23, tzinfo=timezone.utc), *PARIS).radiance
+    image = DaylightRequest(datetime(2026, 12, 21, 23, tzinfo=timezone.utc), *PARIS).environment().radiance
     assert np.isfinite(image).all() and image.min() > 0.0
     assert luminance(image).max() < 1e-7
     assert (image[..., 2] > 2.0 * image[..., 0]).all()
@@ -137,7 +140,8 @@ def test_every_hour_of_the_year_everywhere_gives_light_that_can_be_used(monkeypa
     for _ in range(150):
         time = datetime(2026, 1, 1, tzinfo=timezone.utc) + timedelta(hours=rng.uniform(0, 8760))
         place = rng.uniform(-90, 90), rng.uniform(-180, 180)
-        image = daylight(time, *place, 0.0, rng.uniform(1, 10), rng.uniform(0, 1)).radiance  # a repair would warn
+        asked = DaylightRequest(time, *place, 0.0, rng.uniform(1, 10), rng.uniform(0, 1))
+        image = asked.environment().radiance  # a repair would warn
         assert np.isfinite(image).all() and image.max() > 0.0
 
 
@@ -145,7 +149,6 @@ def test_the_same_request_gives_the_same_bytes():
     first, second = request("19:30").environment(), request("19:30").environment()
     assert first.radiance.tobytes() == second.radiance.tobytes()
     assert first.radiance.dtype == np.float32 and first.radiance.shape == (256, 512, 3) == (*AREAS.shape[:1], 512, 3)
-    assert (module.HEIGHT, module.WIDTH) == (skies.HEIGHT, skies.WIDTH)
 
 
 def test_requests_are_read_from_what_people_type():

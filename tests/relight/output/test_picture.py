@@ -133,7 +133,7 @@ def test_a_sky_is_shown_as_bright_as_it_lights_but_for_the_air_at_its_horizon(na
     from relight.light.projections import texel_directions
 
     directions = texel_directions(skies.HEIGHT, skies.WIDTH)
-    image, seen = skies.BUILTIN[name](), skies.seen(name, directions)
+    image, seen = skies.image_of(name), skies.seen(name, directions)
     low = (directions[..., 1] < 0) & (directions[..., 1] > -0.2)
     sun = image.max(axis=-1) > 50.0  # which the image spreads over its texels
     compared = ~low & ~sun

@@ -232,7 +232,7 @@ def test_the_size_of_the_bands_changes_nothing(monkeypatch):
     scene, radiance = quads((-2, -1, 1, 1.5)), rng.uniform(0, 1, (4, 3))
     sky = Environment(rng.uniform(0, 2, (16, 32, 3)))
     whole = render_preview(scene, radiance, sky, FRONT, 61, 47)
-    monkeypatch.setattr(preview, "_RAYS_AT_ONCE", 61 * 5)
+    monkeypatch.setattr(preview, "BATCH_RAYS", 61 * 5)
     banded = render_preview(scene, radiance, sky, FRONT, 61, 47)
     assert len(Preview(scene, FRONT, 61, 47)._passes) == 10 * 4
     # A shifted principal point rounds differently in the last float bit, which may tip a level.

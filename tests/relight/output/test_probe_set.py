@@ -7,11 +7,11 @@ import open3d as o3d
 import pytest
 from probe_lights import AXIS, LOBE_ERROR, lobe, lobe_irradiance, picture
 
-from relight.insert.probe import LightAround
+from relight.insert.probe import LightAround, ProbedScene
 from relight.insert.probe_grid import ProbeGrid
 from relight.insert.surroundings import Sky
 from relight.light.environment import Environment
-from relight.output.probe_files import ProbedScene, write_probes
+from relight.output.probe_files import write_probes
 from relight.output.probe_set import NAME, irradiance_of, places_of, write_probe_set
 from relight.request import RelightRequest
 from relight.sh import harmonics

@@ -8,8 +8,8 @@ from splat_samples import open_air
 
 from relight import Environment
 from relight.light.projections import texel_directions
-from relight.splats import shown_as_sky, under_sky, write_relit_ply
-from relight.splats.sky import STRAY, sky_rows
+from relight.splats import shown_as_sky, write_relit_ply
+from relight.splats.sky import STRAY, FarSplats, sky_rows
 from splat2mesh.base.errors import InputError
 from splat2mesh.scene.color import linear_from_srgb
 from splat2mesh.splats.formats import read_splats
@@ -34,6 +34,10 @@ def striped():
     """A light whose display value is below 0.8 everywhere and differs in every direction."""
     x, y, z = np.moveaxis(texel_directions(64, 128), -1, 0)
     return Environment(np.stack([0.3 + 0.2 * x, 0.3 + 0.2 * y, 0.3 + 0.2 * z], axis=-1), "striped")
+
+
+def under_sky(splats, rows, light, frame, factor, choice="new"):
+    return FarSplats(splats, rows, rows, frame, choice).under(splats, light, factor)
 
 
 def shown(splats, rows):

@@ -3,7 +3,7 @@ import pytest
 from coloured_ball import TILT, ball_splats, irradiances, sphere_scene
 from scipy.spatial import cKDTree
 
-from relight.splats import Binding, relit
+from relight.splats import Binding
 from relight.splats.attachment import Surface
 from relight.splats.light_ratio import BURNING, CURVE_POWER, Usual, log_gain, without_clipping
 from relight.transfer.store import Cache
@@ -43,7 +43,7 @@ def test_equal_light_changes_no_bit(ball):
 def test_light_k_times_as_strong_makes_every_linear_colour_k_times_as_bright(degree, factor):
     scene, splats = sphere_scene(), ball_splats(degree)
     before, _ = irradiances(scene)
-    result = relit(splats, scene, before, factor * before, views=())
+    result = Binding(splats, scene, ()).relit(before, factor * before)
     for eye in (None, np.array([0.0, -9.0, 4.0]), np.array([5.0, 5.0, 5.0])):
         old, new = ((s.colors_diffuse if eye is None else s.colors_toward(eye)) for s in (splats, result))
         # Where the sRGB curve is a power, before and after, the map is exact but for float32.
@@ -73,7 +73,7 @@ def test_a_dark_scene_is_lit_by_exposure_as_by_stronger_light(ball):
 def test_every_splat_takes_the_change_of_its_place(ball):
     scene, splats, _ = ball
     before, after = irradiances(scene)
-    result = relit(splats, scene, before, after, views=())
+    result = Binding(splats, scene, ()).relit(before, after)
     centers = splats.means @ TILT[:3, :3].T + TILT[:3, 3]
     nearest = cKDTree(scene.vertices).query(centers)[1]
     expected = linear_from_srgb(splats.colors_diffuse) * (after / before)[nearest]
@@ -106,8 +106,8 @@ def test_what_is_seen_of_the_relit_splats_is_the_change_of_what_is_seen():
     errors = []
     for result in (
         splats,
-        relit(splats, scene, before, after, views=()),
-        relit(splats, scene, before, after, views=views_around()),
+        Binding(splats, scene, ()).relit(before, after),
+        Binding(splats, scene, views_around()).relit(before, after),
     ):
         shown = linear_from_srgb(rasterize(result, view).color[solid])[met]
         errors.append(np.linalg.norm(shown - expected) / np.linalg.norm(expected))
@@ -163,7 +163,7 @@ def test_contact_a_flat_splat_belongs_to_the_surface_that_it_lies_in():
     splats = Splats(means, scales, np.tile([1, 0, 0, 0], (60, 1)), np.full(60, 0.9), np.zeros((60, 1, 3)))
     before = np.ones((2 * len(grid), 3), np.float32)
     after = np.repeat([[0.2] * 3, [1.0] * 3], len(grid), axis=0)
-    result = linear_from_srgb(relit(splats, scene, before, after, views=()).colors_diffuse) / linear_from_srgb(0.5)
+    result = linear_from_srgb(Binding(splats, scene, ()).relit(before, after).colors_diffuse) / linear_from_srgb(0.5)
     assert (result[:30] < 0.25).all()
     assert (result[30:] > 0.85).all()
 
@@ -189,7 +189,7 @@ def test_far_splats_take_a_smooth_mean():
         means, np.full((400, 3), 0.1), np.tile([1, 0, 0, 0], (400, 1)), np.full(400, 0.9), np.zeros((400, 1, 3))
     )
     logs = np.log(
-        linear_from_srgb(relit(splats, scene, before, after, views=()).colors_diffuse) / linear_from_srgb(0.5)
+        linear_from_srgb(Binding(splats, scene, ()).relit(before, after).colors_diffuse) / linear_from_srgb(0.5)
     )
     assert np.abs(np.diff(logs, axis=0)).max() < 0.04  # of 0.5 in all: no jump between neighbours 0.15 apart
     corner_mean = np.log(after / before).mean(axis=0)  # of vertices, which are not quite areas
@@ -223,14 +223,14 @@ def test_the_order_of_splats_is_kept(ball):
     scene, splats, _ = ball
     before, after = irradiances(scene)
     mixed = np.random.default_rng(1).permutation(len(splats))
-    plain, shuffled = (relit(s, scene, before, after, views=()) for s in (splats, splats.take(mixed)))
+    plain, shuffled = (Binding(s, scene, ()).relit(before, after) for s in (splats, splats.take(mixed)))
     np.testing.assert_array_equal(plain.sh[mixed], shuffled.sh)
 
 
 @pytest.mark.parametrize("count", [0, 1, 5])
 def test_few_splats(count):
     scene, splats = sphere_scene(), ball_splats().take(slice(0, count))
-    result = relit(splats, scene, *irradiances(scene))
+    result = Binding(splats, scene).relit(*irradiances(scene))
     assert result.sh.shape == (count, 4, 3)
     assert np.isfinite(result.sh).all()
 
@@ -240,7 +240,7 @@ def test_highlights_fade_with_the_light_and_grow_only_with_the_whole_scene(ball)
     before, _ = irradiances(scene)
     side = scene.vertices[:, :1] > 0
     after = np.where(side, 4.0, 0.05) * before  # brighter on one side, mean about 2
-    result = relit(splats, scene, before, after, views=())
+    result = Binding(splats, scene, ()).relit(before, after)
     x = (splats.means @ TILT[:3, :3].T + TILT[:3, 3])[:, 0]
     growth = np.linalg.norm(result.sh[:, 1:], axis=(1, 2)) / np.linalg.norm(splats.sh[:, 1:], axis=(1, 2))
     assert growth[x < -0.3].max() < 0.38  # 0.05^(1/2.4) = 0.29, softened
@@ -344,7 +344,7 @@ def test_dark_colours_stay_dark():
         *(getattr(splats, n) for n in ("means", "scales", "quats_wxyz", "opacities")), splats.sh * 0 - 0.46 / SH_C0
     )
     before, _ = irradiances(scene)
-    assert relit(black, scene, before, 0.1 * before, views=()).colors_diffuse.max() < 0.005
+    assert Binding(black, scene, ()).relit(before, 0.1 * before).colors_diffuse.max() < 0.005
 
 
 @pytest.mark.slow

@@ -8,7 +8,7 @@ from coloured_ball import ball_splats, irradiances, sphere_scene
 from ply_samples import inria_columns, ply_bytes
 
 from relight.output.joined_splats import append_splats
-from relight.splats import relit, write_relit_ply
+from relight.splats import Binding, write_relit_ply
 from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.splats.facts import FileFacts
 from splat2mesh.splats.formats import read_splats
@@ -35,7 +35,7 @@ def test_the_file_differs_from_its_source_in_colours_alone(tmp_path):
     source.write_bytes(header.encode() + rows.tobytes())
     read = read_splats(source)
     with pytest.warns(DataWarning, match="1 of 200"):
-        result = relit(read, scene, *irradiances(scene))
+        result = Binding(read, scene).relit(*irradiances(scene))
     write_relit_ply(target, result, source)
     written = Ply.open(target).rows("vertex")
     kept = ["x", "y", "z", "opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"]

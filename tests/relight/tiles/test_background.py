@@ -6,7 +6,7 @@ from splat_samples import assert_same, open_air
 
 from relight import Environment
 from relight.splats.light_ratio import CURVE_OFFSET, CURVE_POWER
-from relight.splats.sky import sky_rows, under_sky
+from relight.splats.sky import FarSplats, sky_rows
 from relight.tiles.background import Background, background_of, far_splats, relit_background
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene
@@ -40,7 +40,8 @@ def test_sky_shows_the_new_light_and_the_rest_takes_its_change(far):
     background, pieces, expected = far
     for splats, sky in zip(pieces, expected, strict=True):
         relit = relit_background(splats, background, EVEN, np.eye(4), 1.0, "new")
-        shown = under_sky(splats, np.arange(len(splats)), EVEN, np.eye(4), 1.0, eye=np.zeros(3)).sh[:, 0]
+        rows = np.arange(len(splats))
+        shown = FarSplats(splats, rows, rows, np.eye(4), eye=np.zeros(3)).under(splats, EVEN, 1.0).sh[:, 0]
         before, after = (each.sh[:, 0] * SH_C0 + 0.5 + CURVE_OFFSET for each in (splats, relit))
         lawn = np.isclose(after, before * GAIN ** (1 / CURVE_POWER), atol=1e-3).all(axis=1)
         new = np.isclose(relit.sh[:, 0], shown, atol=1e-4).all(axis=1)

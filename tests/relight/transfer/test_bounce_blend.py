@@ -4,7 +4,7 @@ import numpy as np
 import open3d as o3d
 import pytest
 
-from relight.transfer.bounces import Interreflection, visible_fraction
+from relight.transfer.bounces import Interreflection, Sharing, visible_fraction
 from relight.transfer.first_bounce import first_bounce
 from relight.transfer.neighbors import Neighbors
 from relight.transfer.occluder import Occluder
@@ -25,7 +25,9 @@ def table():
 def matrices(table, rays, seed=0):
     """The matrix of plain rays, and the one that averages over rings."""
     occluder, neighbors, visible, _ = table
-    return [Interreflection(occluder, rays, seed, visible, neighbors=each) for each in (None, neighbors)]
+    return [
+        Interreflection(occluder, rays, seed, visible, sharing=Sharing(neighbors=each)) for each in (None, neighbors)
+    ]
 
 
 @pytest.mark.parametrize(("rays", "most"), [(16, 0.7), (64, 0.8)])
@@ -56,7 +58,9 @@ def test_where_all_meet_the_same_not_a_bit_is_lost():
     mesh = o3d.geometry.TriangleMesh.create_sphere(1.0, 12)
     vertices = np.asarray(mesh.vertices).astype(np.float32)
     occluder = Occluder(vertices, -vertices, np.asarray(mesh.triangles))
-    matrix = Interreflection(occluder, 32, neighbors=Neighbors(occluder.origins, occluder.normals, occluder.faces))
+    matrix = Interreflection(
+        occluder, 32, sharing=Sharing(neighbors=Neighbors(occluder.origins, occluder.normals, occluder.faces))
+    )
     np.testing.assert_array_equal(matrix.bounce(np.full(len(vertices), 0.5, np.float32)), np.float32(0.5))
 
 
@@ -69,5 +73,5 @@ def test_vertices_inside_a_body_neither_give_nor_take():
         np.concatenate([vertices, inner]), np.tile(vertices, (2, 1)), np.concatenate([faces, faces + len(vertices)])
     )
     neighbors = Neighbors(occluder.origins, occluder.normals, occluder.faces)
-    matrix = Interreflection(occluder, 32, neighbors=neighbors)
+    matrix = Interreflection(occluder, 32, sharing=Sharing(neighbors=neighbors))
     assert not matrix.bounce(np.ones(len(occluder.origins), np.float32))[len(vertices) :].any()

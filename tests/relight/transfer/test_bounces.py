@@ -7,7 +7,7 @@ import open3d as o3d
 import pytest
 
 from relight.transfer import sampling
-from relight.transfer.bounce_places import BouncePlaces, batch_of
+from relight.transfer.bounce_places import BouncePlaces, Shooting, batch_of
 from relight.transfer.bounce_rows import FINENESS, LEAST_KEPT
 from relight.transfer.bounces import (
     DEFAULT_MAX_BOUNCES,
@@ -330,14 +330,14 @@ def test_thinned_rays_are_as_good_as_half_as_many_and_lean_to_no_side(lit):
     converged = Interreflection(occluder, 4096, seed=9, visible=visible).bounce(sent)
     as_many = error(Interreflection(occluder, 32, visible=visible).bounce(sent), converged)
     for rays in (128, 256, 512):
-        places = BouncePlaces.shot(occluder, rays, 0, lambda count: None)
+        places = BouncePlaces.shot(rays, Shooting(occluder))
         thinned = Interreflection.of_places(places.thinned(rays // 64), 64, occluder, visible)
         assert error(thinned.bounce(sent), converged) < 1.1 * as_many
         np.testing.assert_allclose(thinned.bounce(sent).mean(axis=0), converged.mean(axis=0), rtol=0.01)
 
 
 def test_rows_of_few_hits_keep_them_all(lit):
-    places = BouncePlaces.shot(lit[0], 64, 0, lambda count: None)
+    places = BouncePlaces.shot(64, Shooting(lit[0]))
     assert places.thinned(1) is places
     for step in (2, 8, 100):
         few, kept = places.used < LEAST_KEPT * step, places.thinned(step)

@@ -219,7 +219,7 @@ def test_averaging_around_changes_equals_averaging_everything(steps):
     model, rest = rng.random((count, 4)).astype(np.float32), rng.normal(size=(count, 9)).astype(np.float32) * 0.1
 
     def everything():
-        nodes, *averaged = rings.averaged(own, model, rest, 16, steps, np.ones(count, bool))
+        nodes, *averaged = rings.averaged(own, (model, rest), 16, steps, np.ones(count, bool))
         np.testing.assert_array_equal(nodes, np.arange(count))
         return averaged
 
@@ -231,7 +231,7 @@ def test_averaging_around_changes_equals_averaging_everything(steps):
     own[changed] = unit_normals(own[changed] + 0.2)
     rings.bend(own)
     after = everything()
-    nodes, *part = rings.averaged(own, model, rest, 16, steps, changed)
+    nodes, *part = rings.averaged(own, (model, rest), 16, steps, changed)
     assert len(nodes) < count / 3
     rest_of_them = np.setdiff1d(np.arange(count), nodes)
     for whole, old, some in zip(after, before, part, strict=True):

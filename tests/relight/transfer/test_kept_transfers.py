@@ -9,7 +9,7 @@ from plan_scenes import corner, difference, occluder_of, turned
 from relight import Environment, Relighter
 from relight.transfer import kept, store
 from relight.transfer.analytic import analytic
-from relight.transfer.bounce_places import BouncePlaces
+from relight.transfer.bounce_places import BouncePlaces, Shooting
 from relight.transfer.bounces import Interreflection, with_bounces
 from relight.transfer.settings import Settings
 from relight.transfer.store import Cache
@@ -212,7 +212,7 @@ def test_interreflection_comes_back_to_the_bit(folder, noon):
     visible = np.random.default_rng(0).random(len(scene.vertices))
     occluder = occluder_of(scene)
     kept = Cache.of_scene(scene)
-    kept.put("bounces", 24, **BouncePlaces.shot(occluder, 24, 4, lambda count: None)._asdict())
+    kept.put("bounces", 24, **BouncePlaces.shot(24, Shooting(occluder, 4))._asdict())
     places = BouncePlaces.restored(kept.get("bounces", 24), 24, len(occluder.faces), np.ones(len(scene.vertices), bool))
     light = np.random.default_rng(1).random((len(scene.vertices), 3), np.float32)
     for each in (None, visible):

@@ -5,7 +5,7 @@ import pytest
 from plan_scenes import mesh_of, occluder_of, sphere_on_plane, square
 
 from relight import Environment, Relighter
-from relight.transfer.bounce_places import BouncePlaces
+from relight.transfer.bounce_places import BouncePlaces, Shooting
 from relight.transfer.bounce_rows import FINENESS, SIDE
 from relight.transfer.bounces import Interreflection
 from relight.transfer.receivers import SPARSE, Receivers
@@ -100,7 +100,7 @@ def test_kept_receivers_and_bounces_are_found_again(tmp_path):
 def test_kept_bounces_of_a_scene_in_chunks_are_found_again(scene):
     """Vertices that stand twice are columns of their own, side by side."""
     occluder = occluder_of(scene)
-    made, places = Interreflection(occluder, 16), BouncePlaces.shot(occluder, 16, 0, lambda count: None)
+    made, places = Interreflection(occluder, 16), BouncePlaces.shot(16, Shooting(occluder))
     assert made.shares.min() < 1.0
     light = np.random.default_rng(1).random((len(scene.vertices), 3), np.float32)
     faces, traced = occluder.faces, np.ones(len(scene.vertices), bool)
@@ -135,7 +135,7 @@ def test_kept_bounces_of_a_scene_in_chunks_are_found_again(scene):
 )
 def test_kept_bounces_that_do_not_fit_are_refused(scene, name, change, reason):
     occluder = occluder_of(scene)
-    arrays = BouncePlaces.shot(occluder, 16, 0, lambda count: None)._asdict()
+    arrays = BouncePlaces.shot(16, Shooting(occluder))._asdict()
     with pytest.raises(InputError, match=f"kept bounces .*{reason}"):
         BouncePlaces.restored(
             arrays | {name: change(arrays[name])}, 16, len(occluder.faces), np.ones(len(scene.vertices), bool)

@@ -12,7 +12,7 @@ from viewer_scenes import ball_on_plate
 from relight.engine.light_mix import LightBeside
 from relight.lamps.asked import AskedLamp, Brightness, LampScale
 from relight.lamps.shapes import SphereLamp
-from relight.viewer.lamp_bench import DARK, MOST_ALONE, MOST_FINISHED, SPARE, LampBench
+from relight.viewer.lamp_bench import DARK, MOST_ALONE, SPARE, LampBench
 from relight.viewer.lamp_board import LampBoard
 from relight.viewer.request import SessionRequest
 from relight.viewer.session import Session
@@ -101,7 +101,7 @@ def test_undo_and_redo_show_the_same_bits_at_once(opened):
         session.finish()
         seen.append(session.radiance())
         assert not np.array_equal(seen[-1], seen[-2])
-    assert len(steps) < MOST_FINISHED
+    assert len(steps) < SPARE
     for expected in reversed(seen[:-1]):
         assert session.timeline.undo() and session.complete
         assert np.array_equal(session.radiance(), expected)
@@ -117,7 +117,7 @@ def test_light_that_was_forgotten_is_found_again_to_the_bit(opened):
     number = session.lamps.add("0,1.5,0")
     session.finish()
     expected = session.radiance()
-    for step in range(MOST_FINISHED + 1):
+    for step in range(SPARE + 1):
         session.lamps.move(number, (0.1 * step, 1.2, 0.4))
         session.finish()
     while session.timeline.undoable > 1:

@@ -1,11 +1,11 @@
-"""relight.transfer.nine: a constant sky is exact, white scenes are untouched, numbers stay within what 16 bits hold."""
+"""relight.engine.nine: a constant sky is exact, white scenes are untouched, numbers stay within what 16 bits hold."""
 
 import numpy as np
 import pytest
 from captured_scenes import lamp_light, objects, patchy
 
+from relight.engine.nine import nine_and_tint, with_received
 from relight.transfer.bounces import with_bounces
-from relight.transfer.nine import nine_and_tint, with_received
 
 
 @pytest.fixture(scope="module")
