@@ -27,7 +27,7 @@ SKIPPED = 0.35
 BANDS = (2, 3, 4, 5, 6, 8, 10)
 RAYS = tuple(2**power for power in range(2, 12))
 
-SUN_TOLERANCES = tuple(10.0 ** (-power / 2.0) for power in range(2, 7))
+SUN_TOLERANCES = tuple(0.001 * 2.0**power for power in range(7))
 """What suns may be split to, whatever the tolerance, so that a looser one has every choice of a tighter one. What a
 split leaves is estimated for walls that stand anywhere. Where edges of sunlight or bright sky beside the sun take much
 of the tolerance, the finest is cheaper than the rays that would make up for them."""
