@@ -242,9 +242,7 @@ def _relit_sequence(request: RelightRequest, stages: Stages, messages: list[str]
     folders, each = output_folders(sequence.request, lights), len(request.angles_deg)
     work = [(light, folders[number * each : (number + 1) * each]) for number, light in enumerate(lights)]
     reports, job = sequence.write(work, messages)
-    resting, count = len(sequence.resting), len(sequence.frames)
-    notes = [*sequence.notes, f"{count} frames, of which {count - resting} move"]
-    return RelitFiles(folders, reports, notes=notes, job=job)
+    return RelitFiles(folders, reports, notes=[*sequence.notes, sequence.counted], job=job)
 
 
 def _relit(

@@ -1,49 +1,39 @@
 """A sequence of splats under a new light: one captured light, exposure and up axis for all frames.
 
-The first frame is meshed and its captured light estimated, as of any splat. A frame that shows the same at rest takes
-the light of that mesh; one that moves is meshed by itself, and lit by the same captured and new light.
+The first frame is meshed and its captured light estimated, as of any splat. Frames of the same splats take the light of
+that mesh, which moves with them; others are meshed by themselves, and lit by the same captured and new light.
 """
 
-import math
 import os
 import time
-import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from splat2mesh.api import default_folder
-from splat2mesh.base.errors import DataWarning, InputError
+from splat2mesh.base.errors import InputError
 from splat2mesh.base.outputs import staged_file
 from splat2mesh.base.progress import Stages
 from splat2mesh.base.strictjson import text_of
-from splat2mesh.capture import capture_of
-from splat2mesh.pipeline import meshed
 from splat2mesh.scene.sources import fingerprint
 from splat2mesh.splats.formats import can_hold, write_splats
 from splat2mesh.splats.splats import Splats
 
 from ..engine.appearance import Appearance, Place
 from ..engine.relighter import Shaded
-from ..light.environment import Environment
-from ..output.relit_splats import RelitSource
 from ..request import AnyLight, RelightRequest
 from ..splats import write_relit_ply
 from .earlier_results import REPORT, Earlier, settings_of
-from .frames import SplatFrame, frame_splats, frames_in, is_at_rest
+from .frames import ALONE, MOVING, SplatFrame, frame_splats, frames_in, state_of
 from .job import Job
+from .lit_frames import LitFrames
 from .meshing import SceneAtHand, scene_at_hand
-from .writer import Writer, report_of
+from .writer import report_of
 
 HEEDED = {"scene", "env", "lighting", "angles_deg", "sun", "at", "north_deg", "capture_env", "capture_tint", "white_at"}
 HEEDED |= {"exposure_ev", "formats", "sky", "meshing", "output", "overwrite", "caching", "clear_cache", "sequence"}
 """Fields of a request that a sequence obeys."""
-
-AT_REST, MOVING = "at rest", "moving"
-"""How a frame was lit, in the report."""
 
 Work = list[tuple[AnyLight, list[Path]]]
 """Each light, and a folder for each of its angles."""
@@ -61,12 +51,12 @@ def check_sequence(request: RelightRequest) -> None:
 @dataclass(frozen=True, eq=False)
 class SplatSequence:
     """A folder of frames, the first of which is meshed. request, first: for the scene of that one. frames: all that can
-    be read, in order. resting: the numbers of those that show it at rest. notes: lines of a summary."""
+    be read, in order. states: of `frames.state_of`, by number. notes: lines of a summary."""
 
     request: RelightRequest
     first: SceneAtHand
     frames: list[SplatFrame]
-    resting: frozenset[int]
+    states: dict[int, str]
     notes: list[str]
     stages: Stages
 
@@ -76,7 +66,7 @@ class SplatSequence:
         check_sequence(request)
         folder = Path(os.fspath(request.scene))  # type: ignore[arg-type]
         first: Splats | None = None
-        good, resting = [], set()
+        good, states = [], {}
         for frame in frames_in(folder):
             with stages.stage("read"):
                 splats = frame_splats(frame)
@@ -84,13 +74,18 @@ class SplatSequence:
                 continue
             first = splats if first is None else first
             good.append(frame)
-            if is_at_rest(splats, first):
-                resting.add(frame.number)
+            states[frame.number] = state_of(splats, first)
         if not good:
             raise InputError(f"`sequence`: {folder} holds no frame that can be read")
         known, notes = scene_at_hand(good[0].path, request.meshing, stages, folder=Path(default_folder(folder)))
         asked = replace(request, scene=known.folder, formats=("splat",))
-        return cls(asked, known, good, frozenset(resting), notes, stages)
+        return cls(asked, known, good, states, notes, stages)
+
+    @property
+    def counted(self) -> str:
+        """How many frames move, in words."""
+        moving, alone = (list(self.states.values()).count(state) for state in (MOVING, ALONE))
+        return f"{len(self.frames)} frames, of which {moving} move and {alone} have splats of their own"
 
     def write(self, work: Work, messages: list[str]) -> tuple[list[dict[str, Any]], Job]:
         """Light every frame in every light: the report of each folder, and the last Job.
@@ -104,73 +99,33 @@ class SplatSequence:
         reports = []
         for light, folders in work:
             job = job if light is work[0][0] else job.under(light)
-            outputs, exposure = [], 1.0
-            for shaded, folder in zip(job.shaded(), folders, strict=True):
-                exposure = shaded.exposure
+            outputs, lit = [], list(job.shaded())
+            for shaded, folder in zip(lit, folders, strict=True):
                 outputs.append(FrameFolder.of(self.request, folder, job, shaded, messages))
-                source = Writer(job).source
-                for frame in self._left(outputs[-1:], at_rest=True):
-                    self._write_at_rest(frame, source, shaded, outputs[-1])
-            for frame in self._left(outputs, at_rest=False):
-                self._write_moving(frame, job, exposure, outputs)
+            frames = LitFrames(self.request, job, lit)
+            for frame in self._left(outputs):
+                started, state, splats = time.monotonic(), self.states[frame.number], frame_splats(frame)
+                if splats is None:
+                    continue
+                for output, relit in zip(outputs, frames.relit(frame, splats, state), strict=True):
+                    output.write(frame, relit, state, started)
+                    started = time.monotonic()
             reports += [output.report for output in outputs]
         return reports, job
 
-    def _left(self, outputs: "list[FrameFolder]", at_rest: bool) -> Iterator[SplatFrame]:
+    def _left(self, outputs: "list[FrameFolder]") -> Iterator[SplatFrame]:
         """Frames that some output lacks."""
-        frames = [frame for frame in self.frames if (frame.number in self.resting) == at_rest]
-        with self.stages.stage("frames", len(frames)) as advance:
-            for frame in frames:
+        with self.stages.stage("frames", len(self.frames)) as advance:
+            for frame in self.frames:
                 if not all(output.has(frame) for output in outputs):
                     yield frame
                 advance(1)
 
-    def _write_at_rest(self, frame: SplatFrame, source: RelitSource, shaded: Shaded, output: "FrameFolder") -> None:
-        started, splats = time.monotonic(), frame_splats(frame)
-        if splats is not None:
-            output.write(frame, source.at_rest(splats, frame.path).relit(shaded), AT_REST, started)
-
-    def _write_moving(self, frame: SplatFrame, job: Job, exposure: float, outputs: "list[FrameFolder]") -> None:
-        """Light a frame by a mesh of its own, that has the axes of the first, in the light of the first."""
-        started, asked, look = time.monotonic(), self.request, job.known.appearance
-        capture = capture_of(frame.path, asked.meshing, self.stages)
-        capture = replace(capture, rotation=np.asarray(job.known.scene.scene_from_splat, np.float64))
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", DataWarning)  # the first frame has warned of the same
-            scene = meshed(frame.path, capture, asked.meshing, self.stages)
-        separable = bool((look.capture or {}).get("separable"))
-        known = _exposed(look.environment) if separable and look.environment is not None else None
-        own = replace(
-            asked,
-            scene=scene,
-            splat=frame.path,
-            albedo=None if separable else "captured",
-            lighting=replace(asked.lighting, captured_sun=None, captured_sky=None, captured_light=known),
-            capture_env=None,
-            capture_tint=None,
-            white_at=None,
-            exposure_ev=math.log2(exposure),
-            caching="none",
-            clear_cache=False,
-        )
-        writer = Writer(Job(own.under(job.request.light), self.stages))
-        for shaded, output in zip(writer.job.shaded(), outputs, strict=True):
-            if not output.has(frame):
-                output.write(frame, writer.relit_splats(shaded), MOVING, started)
-                started = time.monotonic()
-
     def _check_light(self, look: Appearance) -> None:
-        """Raise InputError for frames that move in a light that no other mesh can take over."""
-        moving = next((frame for frame in self.frames if frame.number not in self.resting), None)
-        if moving is not None and look.place is not Place.OPEN:
-            raise InputError(f"`sequence`: frame {moving.number} moves, and in a closed room all must be at rest")
-
-
-def _exposed(light: Environment) -> Environment:
-    """A captured light whose brightness is taken as it is."""
-    same = Environment(light.radiance, light.name, light.rotation_deg)
-    same.exposed = True
-    return same
+        """Raise InputError for frames in a light that no mesh of their own can take over."""
+        alone = next((frame for frame in self.frames if self.states[frame.number] == ALONE), None)
+        if alone is not None and look.place is not Place.OPEN:
+            raise InputError(f"`sequence`: frame {alone.number} has other splats, and a closed room must keep them")
 
 
 class FrameFolder:

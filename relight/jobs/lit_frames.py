@@ -1,0 +1,137 @@
+"""Frames of a sequence in the light of the first one: at rest, moving, or with rows of their own.
+
+What moves is lit on the mesh of the first frame as its splats carry it. Light is that of the first frame and what the
+motion changes of it, in the light of the capture and in the new one: both are found in either pose by the same rays. So
+a captured shadow that moves is divided out where it is, the new one falls where it belongs, and what the motion does
+not reach changes as in the first frame, to the bit.
+"""
+
+import math
+import warnings
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from splat2mesh.base.errors import DataWarning
+from splat2mesh.capture import capture_of
+from splat2mesh.pipeline import meshed
+from splat2mesh.splats.splats import Splats
+
+from ..engine.appearance import Place
+from ..engine.relighter import Relighter, Shaded
+from ..light.environment import Environment
+from ..output.relit_splats import RelitSource
+from ..request import RelightRequest
+from ..splats.carried import CarriedMesh
+from ..splats.light_ratio import Usual
+from .frames import ALONE, AT_REST, MOVING, SplatFrame
+from .job import Job
+from .writer import Writer
+
+
+class PoseLight(NamedTuple):
+    """Irradiance over pi (V, 3) on a pose: before, in the light of the capture; after, in the new one at each angle."""
+
+    before: NDArray[np.float32]
+    after: list[NDArray[np.float32]]
+
+
+class LitFrames:
+    """The frames of a request in one light. job: of the first frame. lit: what it shades, of every angle."""
+
+    def __init__(self, request: RelightRequest, job: Job, lit: list[Shaded]) -> None:
+        self._request, self._job, self._shaded = request, job, lit
+
+    def relit(self, frame: SplatFrame, splats: Splats, state: str) -> Iterator[Splats]:
+        """The splats of a frame in the light, at one angle after the other."""
+        ways = {AT_REST: self._at_rest, MOVING: self._moving, ALONE: self._alone}
+        return ways[state](frame, splats)
+
+    @cached_property
+    def _source(self) -> RelitSource:
+        return Writer(self._job).source
+
+    def _at_rest(self, frame: SplatFrame, splats: Splats) -> Iterator[Splats]:
+        return map(self._source.of_frame(splats, frame.path).relit, self._shaded)
+
+    def _moving(self, frame: SplatFrame, splats: Splats) -> Iterator[Splats]:
+        """On the mesh of the first frame, as the splats carry it."""
+        first, look, mesh = self._first, self._job.known.appearance, self._carried.at(splats)
+        pose = self._pose_light(self._still.posed(mesh.scene(self._still.scene), self._still.unplanned))
+        irradiance = _moved(look.irradiance, pose.before, first.before)
+        change = np.divide(irradiance, look.irradiance, out=np.ones_like(irradiance), where=look.irradiance > 0.0)
+        look = look._replace(irradiance=irradiance, captured=look.captured * change)
+        binding = self._job.known.binding.posed(splats, mesh, look.captured)
+        source = self._source.of_frame(splats, frame.path, binding, look)
+        for shaded, usual, now, still in zip(self._shaded, self._usual, pose.after, first.after, strict=True):
+            light = _moved(self._source.received(shaded.shading), now, still)
+            yield source.relit(shaded._replace(shading=shaded.shading._replace(received=light)), usual)
+
+    @cached_property
+    def _carried(self) -> CarriedMesh:
+        return CarriedMesh(self._job.known.binding)
+
+    @cached_property
+    def _still(self) -> Relighter:
+        """The first pose, as all others are lit."""
+        return self._job.known.relighter.posed(self._job.known.scene, self._shaded[0].shading.settings)
+
+    @cached_property
+    def _first(self) -> PoseLight:
+        return self._pose_light(self._still)
+
+    @cached_property
+    def _usual(self) -> list[Usual]:
+        """The typical change of light in the first frame, which stays, at each angle."""
+        binding, before = self._job.known.binding, self._job.known.appearance.irradiance
+        return [binding.usual(before, self._source.received(each.shading), each.exposure) for each in self._shaded]
+
+    def _pose_light(self, relighter: Relighter) -> PoseLight:
+        look, job = self._job.known.appearance, self._job.posed(relighter)
+        before = look.irradiance
+        if look.place is Place.OPEN and look.environment is not None:
+            before = look.received(relighter.shading(look.environment, look.albedo).radiance)
+        lit = [job.beside(Shaded(each.light, job.shading(each.light), each.exposure)) for each in self._shaded]
+        return PoseLight(before, [self._source.received(each.shading) for each in lit])
+
+    def _alone(self, frame: SplatFrame, splats: Splats) -> Iterator[Splats]:
+        """On a mesh of its own, that has the axes of the first."""
+        asked, stages, look = self._request, self._job.stages, self._job.known.appearance
+        capture = capture_of(frame.path, asked.meshing, stages)
+        capture = replace(capture, rotation=np.asarray(self._job.known.scene.scene_from_splat, np.float64))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DataWarning)  # the first frame has warned of the same
+            scene = meshed(frame.path, capture, asked.meshing, stages)
+        separable = bool((look.capture or {}).get("separable"))
+        known = _exposed(look.environment) if separable and look.environment is not None else None
+        own = replace(
+            asked,
+            scene=scene,
+            splat=frame.path,
+            albedo=None if separable else "captured",
+            lighting=replace(asked.lighting, captured_sun=None, captured_sky=None, captured_light=known),
+            capture_env=None,
+            capture_tint=None,
+            white_at=None,
+            exposure_ev=math.log2(self._shaded[0].exposure),
+            caching="none",
+            clear_cache=False,
+        )
+        writer = Writer(Job(own.under(self._job.request.light), stages))
+        return map(writer.relit_splats, writer.job.shaded())
+
+
+def _moved(first: NDArray[np.float32], now: NDArray[np.float32], still: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Light of the first frame (V, 3) with what a motion changes of it."""
+    return np.maximum(first + (now - still), np.float32(0.0))
+
+
+def _exposed(light: Environment) -> Environment:
+    """A captured light whose brightness is taken as it is."""
+    same = Environment(light.radiance, light.name, light.rotation_deg)
+    same.exposed = True
+    return same
