@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.base.progress import Stages
 
-from ..engine.appearance import albedo_kept
+from ..engine.appearance import Appearance, albedo_kept
 from ..engine.exposure import level_of
 from ..engine.light_mix import LightKind, LightMix, kind_of
 from ..engine.relighter import Relighter, Shaded, Shading
@@ -64,9 +64,9 @@ class Job:
         """The same job under another light. Both share what is known of the scene."""
         return Job(self.request.under(env), known=self.known)
 
-    def posed(self, relighter: Relighter) -> "Job":
-        """The same job on another pose of its scene: that of a Relighter."""
-        return Job(self.request, known=self.known.posed(relighter))
+    def posed(self, relighter: Relighter, look: Appearance) -> "Job":
+        """The same job on another pose of its scene: that of a Relighter, with its Appearance there."""
+        return Job(self.request, known=self.known.posed(relighter, look))
 
     def begin(self) -> None:
         """As `KnownScene.begin`."""

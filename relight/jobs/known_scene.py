@@ -57,10 +57,10 @@ class KnownScene:
     def __init__(self, inputs: Inputs) -> None:
         self.inputs, self._request, self._stages = inputs, inputs.request, inputs.stages
 
-    def posed(self, relighter: Relighter) -> "KnownScene":
-        """The same where the scene is in another pose: that of a Relighter."""
+    def posed(self, relighter: Relighter, look: Appearance) -> "KnownScene":
+        """The same where the scene is in another pose: that of a Relighter, with its Appearance there."""
         other = copy(self)
-        vars(other).update(scene=relighter.scene, relighter=relighter)
+        vars(other).update(scene=relighter.scene, relighter=relighter, appearance=look)
         return other
 
     @cached_property

@@ -21,13 +21,15 @@ from splat2mesh.capture import capture_of
 from splat2mesh.pipeline import meshed
 from splat2mesh.splats.splats import Splats
 
-from ..engine.appearance import Place
+from ..engine.appearance import CAPTURE_OF_PLACE, Place
 from ..engine.relighter import Relighter, Shaded
 from ..light.environment import Environment
 from ..output.relit_splats import RelitSource
 from ..request import RelightRequest
+from ..rooms.room_poses import RoomPoses
 from ..splats.carried import CarriedMesh
 from ..splats.light_ratio import Usual
+from ..transfer.bounces import Interreflection
 from .frames import ALONE, AT_REST, MOVING, SplatFrame
 from .job import Job
 from .writer import Writer
@@ -51,9 +53,17 @@ class LitFrames:
         ways = {AT_REST: self._at_rest, MOVING: self._moving, ALONE: self._alone}
         return ways[state](frame, splats)
 
+    def picture(self, relit: Splats, shaded: Shaded) -> NDArray[np.uint8]:
+        """The picture, (H, W, 3) sRGB, of a relit frame at an angle."""
+        return self._writer.picture(relit, shaded)
+
     @cached_property
+    def _writer(self) -> Writer:
+        return Writer(self._job)
+
+    @property
     def _source(self) -> RelitSource:
-        return Writer(self._job).source
+        return self._writer.source
 
     def _at_rest(self, frame: SplatFrame, splats: Splats) -> Iterator[Splats]:
         return map(self._source.of_frame(splats, frame.path).relit, self._shaded)
@@ -81,6 +91,12 @@ class LitFrames:
         return self._job.known.relighter.posed(self._job.known.scene, self._shaded[0].shading.settings)
 
     @cached_property
+    def _room(self) -> RoomPoses | None:
+        """The closed room that the scene is, where its lamps are known."""
+        room = self._job.known.appearance.room
+        return None if room is None else RoomPoses(room, self._still.occluder, _bounces(self._still))
+
+    @cached_property
     def _first(self) -> PoseLight:
         return self._pose_light(self._still)
 
@@ -91,8 +107,10 @@ class LitFrames:
         return [binding.usual(before, self._source.received(each.shading), each.exposure) for each in self._shaded]
 
     def _pose_light(self, relighter: Relighter) -> PoseLight:
-        look, job = self._job.known.appearance, self._job.posed(relighter)
-        before = look.irradiance
+        look, before = self._job.known.appearance, self._job.known.appearance.irradiance
+        if self._room is not None:
+            look = look._replace(room=self._room.at(relighter.occluder, _bounces(relighter)))
+        job = self._job.posed(relighter, look)
         if look.place is Place.OPEN and look.environment is not None:
             before = look.received(relighter.shading(look.environment, look.albedo).radiance)
         lit = [job.beside(Shaded(each.light, job.shading(each.light), each.exposure)) for each in self._shaded]
@@ -123,6 +141,10 @@ class LitFrames:
         )
         writer = Writer(Job(own.under(self._job.request.light), stages))
         return map(writer.relit_splats, writer.job.shaded())
+
+
+def _bounces(relighter: Relighter) -> Interreflection:
+    return relighter.transport(CAPTURE_OF_PLACE).interreflection
 
 
 def _moved(first: NDArray[np.float32], now: NDArray[np.float32], still: NDArray[np.float32]) -> NDArray[np.float32]:

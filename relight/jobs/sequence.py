@@ -11,6 +11,9 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from splat2mesh.api import default_folder
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.outputs import staged_file
@@ -20,8 +23,10 @@ from splat2mesh.scene.sources import fingerprint
 from splat2mesh.splats.formats import can_hold, write_splats
 from splat2mesh.splats.splats import Splats
 
+from ..animation.film import FILM, frame_times, joined
 from ..engine.appearance import Appearance, Place
 from ..engine.relighter import Shaded
+from ..output.images import write_png
 from ..request import AnyLight, RelightRequest
 from ..splats import write_relit_ply
 from .earlier_results import REPORT, Earlier, settings_of
@@ -32,7 +37,18 @@ from .meshing import SceneAtHand, scene_at_hand
 from .writer import report_of
 
 HEEDED = {"scene", "env", "lighting", "angles_deg", "sun", "at", "north_deg", "capture_env", "capture_tint", "white_at"}
-HEEDED |= {"exposure_ev", "formats", "sky", "meshing", "output", "overwrite", "caching", "clear_cache", "sequence"}
+HEEDED |= {
+    "exposure_ev",
+    "formats",
+    "sky",
+    "meshing",
+    "output",
+    "overwrite",
+    "caching",
+    "clear_cache",
+    "sequence",
+    "fps",
+}
 """Fields of a request that a sequence obeys."""
 
 Work = list[tuple[AnyLight, list[Path]]]
@@ -44,8 +60,9 @@ def check_sequence(request: RelightRequest) -> None:
     for each in fields(request):
         if each.name not in HEEDED and getattr(request, each.name) != each.default:
             raise InputError(f"`{each.name}`: a sequence does not heed it; leave it out")
-    if set(request.formats or ()) - {"splat"}:
-        raise InputError("`formats`: a sequence has splat alone; leave it out")
+    if set(request.formats or ()) - {"splat", "png"}:
+        raise InputError("`formats`: a sequence has splat, and png on request")
+    frame_times(0.0, request.fps)  # or an InputError
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +95,8 @@ class SplatSequence:
         if not good:
             raise InputError(f"`sequence`: {folder} holds no frame that can be read")
         known, notes = scene_at_hand(good[0].path, request.meshing, stages, folder=Path(default_folder(folder)))
-        asked = replace(request, scene=known.folder, formats=("splat",))
+        pictured = ("png",) * ("png" in (request.formats or ()))
+        asked = replace(request, scene=known.folder, formats=("splat", *pictured))
         return cls(asked, known, good, states, notes, stages)
 
     @property
@@ -107,9 +125,12 @@ class SplatSequence:
                 started, state, splats = time.monotonic(), self.states[frame.number], frame_splats(frame)
                 if splats is None:
                     continue
-                for output, relit in zip(outputs, frames.relit(frame, splats, state), strict=True):
-                    output.write(frame, relit, state, started)
+                for output, shaded, relit in zip(outputs, lit, frames.relit(frame, splats, state), strict=True):
+                    picture = frames.picture(relit, shaded) if output.pictured else None
+                    output.write(frame, relit, state, picture, started)
                     started = time.monotonic()
+            notes = [output.film(self.frames, self.request.fps) for output in outputs if output.pictured]
+            self.notes.extend(note for note in dict.fromkeys(notes) if note)
             reports += [output.report for output in outputs]
         return reports, job
 
@@ -130,10 +151,11 @@ class SplatSequence:
 
 class FrameFolder:
     """The folder of a light: a splat for each frame, by the name of its file, and the report, which says of each what
-    it was made from. It is written after each frame, so that an interrupted run goes on there."""
+    it was made from. It is written after each frame, so that an interrupted run goes on there. pictured: whether each
+    frame has a picture too."""
 
-    def __init__(self, folder: Path, report: dict[str, Any], messages: list[str]) -> None:
-        self._folder, self.report, self._messages = folder, report, messages
+    def __init__(self, folder: Path, report: dict[str, Any], messages: list[str], pictured: bool) -> None:
+        self._folder, self.report, self._messages, self.pictured = folder, report, messages, pictured
 
     @classmethod
     def of(cls, request: RelightRequest, folder: Path, job: Job, shaded: Shaded, messages: list[str]) -> "FrameFolder":
@@ -142,19 +164,30 @@ class FrameFolder:
         kept = Earlier(folder, settings, request.overwrite).kept.get("frames")
         report = {**report_of(job, shaded), "settings": settings, "frames": kept if isinstance(kept, dict) else {}}
         folder.mkdir(parents=True, exist_ok=True)
-        made = cls(folder, report, messages)
+        made = cls(folder, report, messages, "png" in (request.formats or ()))
         made._save()
         return made
 
     def has(self, frame: SplatFrame) -> bool:
         """Whether the frame was written, from the file as it is now."""
         entry = self.report["frames"].get(frame.path.name)
-        if not isinstance(entry, dict) or not (self._folder / str(entry.get("file"))).is_file():
+        if not isinstance(entry, dict) or entry.get("sha256") != fingerprint(frame.path):
             return False
-        return entry.get("sha256") == fingerprint(frame.path)
+        wanted = ("file", "picture") if self.pictured else ("file",)
+        return all((self._folder / str(entry.get(kind))).is_file() for kind in wanted)
 
-    def write(self, frame: SplatFrame, relit: Splats, state: str, started: float) -> None:
-        """Write the relit splats of a frame in its format, or as a PLY where that has no writer."""
+    def film(self, frames: list[SplatFrame], fps: float) -> str:
+        """Join the pictures of frames. Returns "" when it worked, else why it did not."""
+        names = [self.report["frames"].get(frame.path.name, {}).get("picture") for frame in frames]
+        note = joined([self._folder / name for name in names if name], self._folder / FILM, fps)
+        self.report["film"] = None if note else FILM
+        self._save()
+        return note
+
+    def write(
+        self, frame: SplatFrame, relit: Splats, state: str, picture: NDArray[np.uint8] | None, started: float
+    ) -> None:
+        """Write the relit splats of a frame in its format, or as a PLY where that has no writer, and its picture."""
         name = frame.path.name
         if frame.kind == "ply":
             write_relit_ply(self._folder / name, relit, frame.path)
@@ -164,11 +197,16 @@ class FrameFolder:
             name = f"{frame.path.stem}.ply"
             write_relit_ply(self._folder / name, relit)
         entry = {"file": name, "sha256": fingerprint(frame.path), "state": state}
+        if picture is not None:
+            entry["picture"] = f"{frame.path.stem}.png"
+            write_png(self._folder / entry["picture"], picture)
         self.report["frames"][frame.path.name] = {**entry, "seconds": round(time.monotonic() - started, 2)}
         self._save()
 
     def _save(self) -> None:
-        frames = self.report["frames"]
-        self.report.update(files=[frames[name]["file"] for name in sorted(frames)], warnings=list(self._messages))
+        entries = [self.report["frames"][name] for name in sorted(self.report["frames"])]
+        files = [each[kind] for kind in ("file", "picture") for each in entries if kind in each]
+        film = [self.report["film"]] if self.report.get("film") else []
+        self.report.update(files=files + film, warnings=list(self._messages))
         with staged_file(self._folder / REPORT) as staging:
             staging.write_text(text_of(self.report, indent=1) + "\n", encoding="utf-8")
