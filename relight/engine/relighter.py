@@ -271,11 +271,6 @@ class Relighter:
         sunlight = self._direct_light.sunlight(environment, settings) if suns else None
         return self._direct(environment, settings)[0], sunlight
 
-    @property
-    def unplanned(self) -> Settings:
-        """The Settings of a light without a plan."""
-        return self._everything
-
     def posed(self, scene: Scene, settings: Settings) -> "Relighter":
         """That of the same vertices in another pose, under Settings: their light is, to the bit, the same wherever the
         motion does not reach.

@@ -60,7 +60,7 @@ class KnownScene:
     def posed(self, relighter: Relighter, look: Appearance) -> "KnownScene":
         """The same where the scene is in another pose: that of a Relighter, with its Appearance there."""
         other = copy(self)
-        vars(other).update(scene=relighter.scene, relighter=relighter, appearance=look)
+        other.scene, other.relighter, other.appearance = relighter.scene, relighter, look
         return other
 
     @cached_property

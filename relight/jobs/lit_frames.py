@@ -30,6 +30,7 @@ from ..rooms.room_poses import RoomPoses
 from ..splats.carried import CarriedMesh
 from ..splats.light_ratio import Usual
 from ..transfer.bounces import Interreflection
+from ..transfer.settings import Settings
 from .frames import ALONE, AT_REST, MOVING, SplatFrame
 from .job import Job
 from .writer import Writer
@@ -71,7 +72,7 @@ class LitFrames:
     def _moving(self, frame: SplatFrame, splats: Splats) -> Iterator[Splats]:
         """On the mesh of the first frame, as the splats carry it."""
         first, look, mesh = self._first, self._job.known.appearance, self._carried.at(splats)
-        pose = self._pose_light(self._still.posed(mesh.scene(self._still.scene), self._still.unplanned))
+        pose = self._pose_light(self._still.posed(mesh.scene(self._still.scene), self._settings))
         irradiance = _moved(look.irradiance, pose.before, first.before)
         change = np.divide(irradiance, look.irradiance, out=np.ones_like(irradiance), where=look.irradiance > 0.0)
         look = look._replace(irradiance=irradiance, captured=look.captured * change)
@@ -83,12 +84,16 @@ class LitFrames:
 
     @cached_property
     def _carried(self) -> CarriedMesh:
-        return CarriedMesh(self._job.known.binding)
+        return self._job.known.binding.carried
 
     @cached_property
     def _still(self) -> Relighter:
         """The first pose, as all others are lit."""
-        return self._job.known.relighter.posed(self._job.known.scene, self._shaded[0].shading.settings)
+        return self._job.known.relighter.posed(self._job.known.scene, self._settings)
+
+    @property
+    def _settings(self) -> Settings:
+        return self._shaded[0].shading.settings
 
     @cached_property
     def _room(self) -> RoomPoses | None:

@@ -143,10 +143,12 @@ class SplatSequence:
                 advance(1)
 
     def _check_light(self, look: Appearance) -> None:
-        """Raise InputError for frames in a light that no mesh of their own can take over."""
-        alone = next((frame for frame in self.frames if self.states[frame.number] == ALONE), None)
-        if alone is not None and look.place is not Place.OPEN:
-            raise InputError(f"`sequence`: frame {alone.number} has other splats, and a closed room must keep them")
+        """Raise InputError for frames in a light that their mesh cannot take over."""
+        first = {state: frame.number for frame in reversed(self.frames) for state in [self.states[frame.number]]}
+        if ALONE in first and look.place is not Place.OPEN:
+            raise InputError(f"`sequence`: frame {first[ALONE]} has other splats, and a closed room must keep them")
+        if MOVING in first and self.request.lighting.opened:
+            raise InputError(f"`opened`: frame {first[MOVING]} moves, and under an open ceiling all must be at rest")
 
 
 class FrameFolder:

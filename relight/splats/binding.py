@@ -20,7 +20,7 @@ from splat2mesh.splats.splats import INVISIBLE_OPACITY, MIN_SPLATS, Splats
 
 from ..transfer.store import Cache, array_key
 from .attachment import Places, Surface
-from .carried import MovedMesh, has_moved
+from .carried import CarriedMesh, MovedMesh, has_moved
 from .floor_mirror import FloorMirror
 from .light_ratio import CURVE_POWER, LEAST, Usual, log_gain, relit_sh, without_clipping
 from .looks import Looks
@@ -173,6 +173,11 @@ class Binding:
     def drawn(self) -> Splats:
         """The Splats of those pictures, with what depends on the view."""
         return self.shown.take(np.flatnonzero(self._drawn))
+
+    @property
+    def carried(self) -> CarriedMesh:
+        """The mesh, as the splats carry it where they move."""
+        return CarriedMesh(self.surface, self.drawn, self.drawn_rows)
 
     @property
     def drawn_rows(self) -> NDArray[np.int64]:

@@ -8,21 +8,18 @@ thing and of what it stands on, a vertex follows those that are more, and faces 
 """
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from splat2mesh.base.arrays import Floats, Integers, Mask, Points
+from splat2mesh.base.arrays import Floats, Indices, Integers, Mask, Points
 from splat2mesh.base.threads import in_batches
 from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.splats import INVISIBLE_OPACITY, Splats
 
 from .attachment import NEAR, NEAREST, Surface, agreement, shortest_axes
-
-if TYPE_CHECKING:
-    from .binding import Binding
 
 _BATCH = 1 << 13
 _ROUNDING = 1e-9  # of a sum of squares: where Gaussians stand on one line, the least turn is taken
@@ -75,11 +72,10 @@ class MovedMesh(NamedTuple):
 
 
 class CarriedMesh:
-    """The mesh that Splats are bound to, as they carry it."""
+    """A mesh as Splats carry it. surface: in the first pose. first: of the Splats there those that count, at `rows`."""
 
-    def __init__(self, binding: "Binding") -> None:
-        self._surface, self._rows, self._first = binding.surface, binding.drawn_rows, binding.drawn
-        points, first = self._surface.points, self._first
+    def __init__(self, surface: Surface, first: Splats, rows: Indices) -> None:
+        self._surface, self._rows, self._first, points = surface, rows, first, surface.points
         count = min(NEAREST, len(first))
         distance, around = scipy.spatial.cKDTree(first.means).query(points, count)
         self._around = around.reshape(len(points), count)

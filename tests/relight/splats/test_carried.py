@@ -8,7 +8,6 @@ from moving_meshes import ball, grid, mesh
 from scipy.spatial.transform import Rotation
 
 from relight.splats.binding import Binding
-from relight.splats.carried import CarriedMesh
 from relight.transfer.posed import PosedPrecomputed
 from relight.transfer.precomputed import Precomputed
 from relight.transfer.settings import Settings
@@ -64,7 +63,7 @@ def moved(splats, rows, rotation, shift):
 def test_a_rigid_motion_carries_the_mesh_as_by_hand(bound, turn, shift):
     scene, splats, of_ball, binding = bound
     rotation, flip = Rotation.from_euler("xyz", turn, degrees=True), FLIP[:3, :3]
-    found = CarriedMesh(binding).at(moved(splats, of_ball, rotation, shift)).scene(scene)
+    found = binding.carried.at(moved(splats, of_ball, rotation, shift)).scene(scene)
     np.testing.assert_array_equal(found.chunks[TABLE].vertices, scene.chunks[TABLE].vertices)
     np.testing.assert_array_equal(found.chunks[TABLE].normals, scene.chunks[TABLE].normals)
     body = scene.chunks[BALL]
@@ -77,7 +76,7 @@ def test_a_rigid_motion_carries_the_mesh_as_by_hand(bound, turn, shift):
 def test_it_sees_what_a_mesh_moved_by_hand_sees(bound):
     scene, splats, of_ball, binding = bound
     rotation, shift = Rotation.from_euler("y", 40, degrees=True), np.array([0.3, 0.0, 0.0])
-    carried = CarriedMesh(binding).at(moved(splats, of_ball, rotation, shift)).scene(scene)
+    carried = binding.carried.at(moved(splats, of_ball, rotation, shift)).scene(scene)
     flip, body = FLIP[:3, :3], scene.chunks[BALL]
     points, normals = (rotation.apply(each @ flip).astype(np.float32) for each in (body.vertices, body.normals))
     hand = replace(body, vertices=((points + shift) @ flip).astype(np.float32), normals=normals @ flip)
@@ -94,7 +93,7 @@ def test_it_sees_what_a_mesh_moved_by_hand_sees(bound):
 def test_what_rests_and_shakes_keeps_every_bit(bound):
     scene, splats, _, binding = bound
     shake = 0.9 / np.sqrt(3.0) * 0.04 * np.random.default_rng(0).uniform(-1, 1, splats.means.shape)
-    mesh = CarriedMesh(binding).at(replace(splats, means=splats.means + shake))
+    mesh = binding.carried.at(replace(splats, means=splats.means + shake))
     assert not mesh.moved.any() and not mesh.torn(binding.surface.faces).any()
     np.testing.assert_array_equal(mesh.scene(scene).vertices, scene.vertices)
 
@@ -106,7 +105,7 @@ def test_a_bend_is_followed_smoothly():
     def bent(at):
         return np.stack([at[:, 0], at[:, 1] + 0.3 * at[:, 0] ** 2, at[:, 2]], axis=1)
 
-    then = CarriedMesh(Binding(splats, scene, views=())).at(replace(splats, means=bent(points)))
+    then = Binding(splats, scene, views=()).carried.at(replace(splats, means=bent(points)))
     assert not then.torn(then.first.faces).any()
     rows, found = then.moved[then.first.node], then.scene(scene)
     np.testing.assert_allclose(found.vertices[rows], bent(points)[rows], atol=0.01)  # a quarter of a splat
@@ -120,7 +119,7 @@ def test_faces_between_what_moves_and_what_rests_tear():
     scene, splats = table()
     half = scene.vertices[:, 0] > 0.0
     lifted = replace(splats, means=splats.means + np.where(half[:, None], [0.0, 0.5, 0.0], 0.0))
-    then = CarriedMesh(Binding(splats, scene, views=())).at(lifted).scene(scene)
+    then = Binding(splats, scene, views=()).carried.at(lifted).scene(scene)
     np.testing.assert_allclose(then.vertices[:, 1], 0.5 * half, atol=1e-6)  # and none hangs between
     across = half[scene.faces].any(axis=1) & ~half[scene.faces].all(axis=1)
     assert len(then.faces) == (~across).sum() and across.sum() == 78
