@@ -60,13 +60,18 @@ class Job:
         self.known = KnownScene(Inputs(request, stages, at_hand)) if known is None else known
         self.inputs, self.stages = self.known.inputs, self.known.inputs.stages
 
+    _metre: float | None = None
+    """Splat units in a metre, where another pose says it."""
+
     def under(self, env: AnyLight) -> "Job":
         """The same job under another light. Both share what is known of the scene."""
         return Job(self.request.under(env), known=self.known)
 
     def posed(self, relighter: Relighter, look: Appearance) -> "Job":
         """The same job on another pose of its scene: that of a Relighter, with its Appearance there."""
-        return Job(self.request, known=self.known.posed(relighter, look))
+        other = Job(self.request, known=self.known.posed(relighter, look))
+        other._metre = self.mix.scale.metre if self.inputs.asked_lamps else None
+        return other
 
     def begin(self) -> None:
         """As `KnownScene.begin`."""
@@ -130,7 +135,8 @@ class Job:
     def mix(self) -> LightMix:
         """All light on the scene."""
         asked = self.inputs.options, self.inputs.asked_lamps, self.environment
-        return LightMix(*asked, self.known.relighter, self.known.appearance, self.room, self.request.exposure_ev)
+        relighter, look, exposure_ev = self.known.relighter, self.known.appearance, self.request.exposure_ev
+        return LightMix(*asked, relighter, look, self.room, exposure_ev, self._metre)
 
     # plan
 

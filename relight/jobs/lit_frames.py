@@ -21,7 +21,7 @@ from splat2mesh.capture import capture_of
 from splat2mesh.pipeline import meshed
 from splat2mesh.splats.splats import Splats
 
-from ..engine.appearance import CAPTURE_OF_PLACE, Place
+from ..engine.appearance import CAPTURE_OF_PLACE, Appearance, Place
 from ..engine.relighter import Relighter, Shaded
 from ..light.environment import Environment
 from ..output.relit_splats import RelitSource
@@ -37,9 +37,10 @@ from .writer import Writer
 
 
 class PoseLight(NamedTuple):
-    """Irradiance over pi (V, 3) on a pose: before, in the light of the capture; after, in the new one at each angle."""
+    """What light does on a pose. look: its Appearance in the light of the capture. after: (V, 3) irradiance over pi in
+    the new light, at each angle."""
 
-    before: NDArray[np.float32]
+    look: Appearance
     after: list[NDArray[np.float32]]
 
 
@@ -71,14 +72,11 @@ class LitFrames:
 
     def _moving(self, frame: SplatFrame, splats: Splats) -> Iterator[Splats]:
         """On the mesh of the first frame, as the splats carry it."""
-        first, look, mesh = self._first, self._job.known.appearance, self._carried.at(splats)
+        mesh = self._carried.at(splats)
         pose = self._pose_light(self._still.posed(mesh.scene(self._still.scene), self._settings))
-        irradiance = _moved(look.irradiance, pose.before, first.before)
-        change = np.divide(irradiance, look.irradiance, out=np.ones_like(irradiance), where=look.irradiance > 0.0)
-        look = look._replace(irradiance=irradiance, captured=look.captured * change)
-        binding = self._job.known.binding.posed(splats, mesh, look.captured)
-        source = self._source.of_frame(splats, frame.path, binding, look)
-        for shaded, usual, now, still in zip(self._shaded, self._usual, pose.after, first.after, strict=True):
+        binding = self._job.known.binding.posed(splats, mesh, pose.look.captured)
+        source, lights = self._source.of_frame(splats, frame.path, binding, pose.look), (pose.after, self._first.after)
+        for shaded, usual, now, still in zip(self._shaded, self._usual, *lights, strict=True):
             light = _moved(self._source.received(shaded.shading), now, still)
             yield source.relit(shaded._replace(shading=shaded.shading._replace(received=light)), usual)
 
@@ -112,14 +110,26 @@ class LitFrames:
         return [binding.usual(before, self._source.received(each.shading), each.exposure) for each in self._shaded]
 
     def _pose_light(self, relighter: Relighter) -> PoseLight:
-        look, before = self._job.known.appearance, self._job.known.appearance.irradiance
+        look = self._job.known.appearance
         if self._room is not None:
             look = look._replace(room=self._room.at(relighter.occluder, _bounces(relighter)))
+        elif look.place is Place.OPEN:
+            before = _moved(look.irradiance, self._captured(relighter), self._captured_still)
+            change = np.divide(before, look.irradiance, out=np.ones_like(before), where=look.irradiance > 0.0)
+            look = look._replace(irradiance=before, captured=look.captured * change)
         job = self._job.posed(relighter, look)
-        if look.place is Place.OPEN and look.environment is not None:
-            before = look.received(relighter.shading(look.environment, look.albedo).radiance)
         lit = [job.beside(Shaded(each.light, job.shading(each.light), each.exposure)) for each in self._shaded]
-        return PoseLight(before, [self._source.received(each.shading) for each in lit])
+        return PoseLight(look, [self._source.received(each.shading) for each in lit])
+
+    @cached_property
+    def _captured_still(self) -> NDArray[np.float32]:
+        return self._captured(self._still)
+
+    def _captured(self, relighter: Relighter) -> NDArray[np.float32]:
+        """(V, 3) irradiance over pi of the captured light on a pose, by its model."""
+        look = self._job.known.appearance
+        assert look.environment is not None  # of every estimate
+        return look.received(relighter.shading(look.environment, look.albedo).radiance)
 
     def _alone(self, frame: SplatFrame, splats: Splats) -> Iterator[Splats]:
         """On a mesh of its own, that has the axes of the first."""
