@@ -39,11 +39,11 @@ class MovingTabletop:
         self.moving = self._truth.part[self._faces[:, 0]] == self._part
 
     def pose(self, number):
-        """(rotation, shift (3,)) of what moves, in a frame: about the origin, in the scene frame."""
-        part = np.linspace(0.0, 1.0, self._count)[number]
-        if self._motion == "slide":
-            return Rotation.identity(), np.array([REACH * (2.0 * part - 1.0), 0.0, 0.0])
-        turn = Rotation.from_euler("y", 90.0 * part * (self._motion == "turn"), degrees=True)
+        """(rotation or None, shift (3,)) of what moves, in a frame: about the origin, in the scene frame."""
+        if self._motion != "turn":
+            reach = REACH if self._motion == "slide" else 0.0
+            return None, np.array([np.linspace(-reach, reach, self._count)[number], 0.0, 0.0], np.float32)
+        turn = Rotation.from_euler("y", np.linspace(0.0, 90.0, self._count)[number], degrees=True)
         box = self._truth.vertices[self._truth.part == BOX].astype(np.float64)
         hinge = box[np.abs(box[:, [0, 2]] - box.mean(axis=0)[[0, 2]]).sum(axis=1).argmax()]
         return turn, hinge - turn.apply(hinge)
@@ -52,7 +52,9 @@ class MovingTabletop:
         """The SceneTruth of a frame."""
         (turn, shift), rows = self.pose(number), self._truth.part == self._part
         vertices, normals = self._truth.vertices.copy(), self._truth.normals.copy()
-        vertices[rows], normals[rows] = turn.apply(vertices[rows]) + shift, turn.apply(normals[rows])
+        if turn is not None:
+            vertices[rows], normals[rows] = turn.apply(vertices[rows]), turn.apply(normals[rows])
+        vertices[rows] += shift
         return replace(self._truth, vertices=vertices, normals=normals)
 
     def gain(self, light):
@@ -67,7 +69,9 @@ class MovingTabletop:
         colors = np.clip(colors + np.float32(noise) * own, 0.0, 1.0)
         (turn, shift), rows = self.pose(number), self.moving
         means, quats = self._means.copy(), self._quats.copy()
-        means[rows] = turn.apply(means[rows]) + shift
-        quats[rows] = (turn * Rotation.from_quat(quats[rows], scalar_first=True)).as_quat(scalar_first=True)
+        if turn is not None:
+            means[rows] = turn.apply(means[rows])
+            quats[rows] = (turn * Rotation.from_quat(quats[rows], scalar_first=True)).as_quat(scalar_first=True)
+        means[rows] += shift
         sh = ((colors - 0.5) / SH_C0)[:, None]
         return Splats(means * FLIP, self._scales, quats * [1.0, *FLIP], self._opacities, sh)

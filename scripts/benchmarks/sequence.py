@@ -71,9 +71,11 @@ def run(options, report):
             for a, b, c, d in zip(relit, captured, true, clean, strict=True)
         ]
         steady = rest & (_changes(clean) < STEADY) & (_changes(true) < STEADY)
-        flicker = [100 * _spread(change, rows) for rows in (rest, steady, rest & ~steady)]
-        report.note(f"noise of the capture {100 * noise:.2f}%, flicker {flicker[0]:.2f}%")
-        report.note(f"where light stays ({steady.sum() / rest.sum():.0%}) {flicker[1]:.2f}%, else {flicker[2]:.2f}%")
+        report.note(f"noise of the capture {100 * noise:.2f}%, flicker {100 * _spread(change, rest):.2f}%")
+        for name, rows in (("light stays", steady), ("a shadow passes", rest & ~steady)):
+            if rows.any():
+                share = rows.sum() / rest.sum()
+                report.note(f"where {name} ({share:.0%} of them) {100 * _spread(change, rows):.2f}%")
         report.note(f"the sequence took {seconds:.1f} processor seconds")
         if options.lone:
             asked = RelightRequest(folder / names[-1], options.light, formats=("splat",), output="lone")
