@@ -1,7 +1,10 @@
 """Visibility of a scene in another pose: renewed where the motion reaches, it is that of tracing all, to the bit."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from bush import bush_scene
 from moving_meshes import ball, grid, mesh
 from scipy.spatial.transform import Rotation
 
@@ -88,3 +91,20 @@ def test_light_changes_where_the_shadow_was_or_is_alone():
     assert same.mean() > 0.1 and change[same].max() < 0.1 * change.max()  # of tracing with other rays
     error = np.linalg.norm(after - expected) / np.linalg.norm(expected)
     assert error < 0.03 < 0.1 < np.linalg.norm(before - expected) / np.linalg.norm(expected)
+
+
+def test_leaves_are_lit_beside_what_moves():
+    scene, light = bush_scene(), Environment.load("noon")
+    relighter = Relighter(scene, "raytraced", bands=3, rays=16, effects="shadows,sun,volume")
+    lit = relighter.shading(light)
+    assert lit.settings.volume
+    still = relighter.posed(replace(scene), lit.settings)
+    np.testing.assert_array_equal(still.shading(light).radiance, lit.radiance)
+    chunks = [replace(each, vertices=each.vertices.copy()) for each in scene.chunks]
+    corner = np.linalg.norm(chunks[0].vertices - chunks[0].vertices[0], axis=1) < 0.3
+    chunks[0].vertices[corner] -= np.float32([0.0, 0.2, 0.0])
+    then = still.posed(replace(scene, chunks=chunks), lit.settings).shading(light).radiance
+    changed = (then != lit.radiance).any(axis=1)
+    far = np.linalg.norm(scene.vertices - scene.vertices[0], axis=1) > 0.5
+    error = np.abs(then - lit.radiance)[far].mean() / lit.radiance[far].mean()
+    assert changed[~far].any() and error < 0.01  # a dent in a corner of the lawn
