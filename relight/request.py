@@ -139,7 +139,8 @@ class RelightRequest:
     quick : bool
         Stop at the first look at a splat file: a picture and a relit splat within seconds, without a mesh.
     sequence : bool
-        The scene is a folder of numbered splats, frames of one capture in motion.
+        The scene is a folder of numbered splats, frames of one capture in motion. With the formats splat and png also a
+        film.
 
     Raises
     ------

@@ -3,7 +3,8 @@
 import os
 import shutil
 import subprocess
-from collections.abc import Callable
+import tempfile
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Radiance
 from splat2mesh.base.errors import InputError
-from splat2mesh.base.outputs import check_output, staged_folder
+from splat2mesh.base.outputs import check_output, staged_file, staged_folder
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene
 
@@ -128,6 +129,18 @@ def encoder() -> str | None:
 
         found = imageio_ffmpeg.get_ffmpeg_exe()
     return found
+
+
+def joined(pictures: Sequence[Path], target: Path, fps: float) -> str:
+    """Encode pictures, in order, as a film, which is replaced. Returns "" when it worked, else why it did not."""
+    with tempfile.TemporaryDirectory() as work:
+        for number, picture in enumerate(pictures):
+            shutil.copy(picture, Path(work) / f"{number:04d}.png")
+        note = encode(Path(work), fps)
+        if not note:
+            with staged_file(target) as staging:
+                shutil.copy(Path(work) / FILM, staging)
+    return note
 
 
 def encode(folder: Path, fps: float) -> str:

@@ -6,7 +6,7 @@ from splat2mesh.scene.color import luminance
 from splat2mesh.scene.scene import Scene
 
 from ..lamps.asked import LampScale
-from ..transfer.occluder import Frame, Occluder
+from ..transfer.occluder import Occluder
 from .appearance import Appearance
 
 EYE_M = 1.25
@@ -48,7 +48,7 @@ def _eye_height(scene: Scene, occluder: Occluder) -> float | None:
     eyes = np.asarray(scene.capture.get("eyes", ()), np.float64).reshape(-1, 3)
     if not len(eyes):
         return None
-    frame = Frame.around(scene.vertices, scene.faces)
+    frame = occluder.frame
     down = np.broadcast_to(np.array([0.0, -1.0, 0.0]), eyes.shape)
     hits = occluder.first_hits(np.hstack([frame.unit(eyes), down]).astype(np.float32))
     below = hits.distance[np.isfinite(hits.distance)]

@@ -68,8 +68,7 @@ class LampLight:
     ) -> None:
         self._relighter, self._look, self.lamps = relighter, look, list(lamps)
         self._tolerance, self._captured = tolerance, np.float32(captured)
-        scene = relighter.scene
-        self._frame = Frame.around(scene.vertices, scene.faces)
+        self._frame = relighter.occluder.frame
         self._emitters = emitters_of(self.lamps, self._frame.center, self._frame.diagonal)
         self._least = NEGLIGIBLE * tolerance * float(np.median(luminance(look.irradiance)))
 

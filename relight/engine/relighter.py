@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Mapping
 from collections.abc import Set as AbstractSet
+from copy import copy
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.progress import Stages
 from splat2mesh.scene.foreign import AnyScene, as_scene
+from splat2mesh.scene.scene import Scene
 
 from ..albedo.said import Said
 from ..light.captured import CapturedLight
@@ -19,6 +21,7 @@ from ..options import LightingOptions
 from ..planning import planner
 from ..rooms.hidden import kept_volumes
 from ..transfer.checks import checked_albedo
+from ..transfer.posed import PosedPrecomputed
 from ..transfer.precomputed import Precomputed
 from ..transfer.settings import BOUNCE_RAYS, Settings
 from ..transfer.settled import settled
@@ -267,6 +270,18 @@ class Relighter:
         suns = settings.method != "blinn-phong"
         sunlight = self._direct_light.sunlight(environment, settings) if suns else None
         return self._direct(environment, settings)[0], sunlight
+
+    def posed(self, scene: Scene, settings: Settings) -> "Relighter":
+        """That of the same vertices in another pose, under Settings: their light is, to the bit, the same wherever the
+        motion does not reach.
+
+        scene: as many vertices in as many chunks; faces may be gone. No plan is made anew, and nothing is kept.
+        """
+        other = copy(self)
+        other.scene, other.precomputed = scene, PosedPrecomputed(self.precomputed, scene)
+        other._direct_light = other._lit(StaticGeometry(other.precomputed, self.stages))
+        other._everything, other._planner, other._latest = settings._replace(shadowed=None), None, None
+        return other
 
     def update(
         self, chunk: int, vertices: NDArray[np.floating], normals: NDArray[np.floating], seconds: float | None = None

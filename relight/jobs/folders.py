@@ -6,8 +6,6 @@ One call of `relight_files` does what one relight command does.
 import contextlib
 import math
 import os
-import shutil
-import tempfile
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import product
@@ -18,12 +16,12 @@ from splat2mesh.api import default_folder
 from splat2mesh.base import ahead
 from splat2mesh.base.console import recorded_warnings
 from splat2mesh.base.errors import InputError
-from splat2mesh.base.outputs import check_output, staged_file
+from splat2mesh.base.outputs import check_output
 from splat2mesh.base.progress import Stages
 from splat2mesh.capture import Capture, capture_of
 from splat2mesh.layout import is_layout
 
-from ..animation.film import FILM, encode
+from ..animation.film import joined
 from ..light.daylight import DaylightRequest
 from ..light.environment import Environment
 from ..output.kinds import FILES, SHEET
@@ -248,9 +246,7 @@ def _relit_sequence(request: RelightRequest, stages: Stages, messages: list[str]
     folders, each = output_folders(sequence.request, lights), len(request.angles_deg)
     work = [(light, folders[number * each : (number + 1) * each]) for number, light in enumerate(lights)]
     reports, job = sequence.write(work, messages)
-    resting, count = len(sequence.resting), len(sequence.frames)
-    notes = [*sequence.notes, f"{count} frames, of which {count - resting} move"]
-    return RelitFiles(folders, reports, notes=notes, job=job)
+    return RelitFiles(folders, reports, notes=[*sequence.notes, sequence.counted], job=job)
 
 
 def _relit(
@@ -305,18 +301,9 @@ def _exposure_of_day(request: RelightRequest, job: Job) -> float:
 
 def _film_of_day(folders: list[Path], request: RelightRequest) -> tuple[Path | None, str]:
     """Join the pictures of a day: the film's path, or None and the reason."""
-    pictures = [folder / FILES["png"] for folder in folders]
-    with tempfile.TemporaryDirectory() as work:
-        for number, picture in enumerate(pictures):
-            shutil.copy(picture, Path(work) / f"{number:04d}.png")
-        note = encode(Path(work), request.fps)
-        if note:
-            return None, note
-        target = folders[0].parent / DAY_FILM
-        check_output(target, request.overwrite or target.exists())
-        with staged_file(target) as staging:
-            shutil.copy(Path(work) / FILM, staging)
-    return target, ""
+    target = folders[0].parent / DAY_FILM
+    note = joined([folder / FILES["png"] for folder in folders], target, request.fps)
+    return None if note else target, note
 
 
 def _relit_city(request: RelightRequest, stages: Stages) -> RelitFiles:

@@ -1,4 +1,4 @@
-"""The frames of a sequence: numbered splat files of one format in a folder. Which of them show the first at rest."""
+"""The frames of a sequence: numbered splat files of one format in a folder. How each is to the first."""
 
 import math
 import os
@@ -13,7 +13,12 @@ from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.splats.cleaning import sound
 from splat2mesh.splats.formats import read_splats
 from splat2mesh.splats.formats.register import BY_KIND
-from splat2mesh.splats.splats import INVISIBLE_OPACITY, Splats
+from splat2mesh.splats.splats import Splats
+
+from ..splats.carried import has_moved
+
+AT_REST, MOVING, ALONE = "at rest", "moving", "alone"
+"""How a frame is lit: as the first, on its mesh as the splats carry it, on a mesh of its own."""
 
 _NUMBER = re.compile(r"(.*?)(\d+)", re.DOTALL)
 _SUFFIXES = {suffix: kind for kind, each in BY_KIND.items() for suffix in each.suffixes if each.read is not None}
@@ -100,14 +105,9 @@ def frame_splats(frame: SplatFrame) -> Splats | None:
         return None
 
 
-def is_at_rest(splats: Splats, first: Splats) -> bool:
-    """Whether a frame shows the first one at rest: the same rows, of which none that is seen has moved by more than its
-    standard deviation along its longest axis."""
-    if len(splats) != len(first) or splats.sh.shape != first.sh.shape:
-        return False
+def state_of(splats: Splats, first: Splats) -> str:
+    """How a frame is to the first one: ALONE where it has other rows, MOVING where any has moved, else AT_REST."""
     whole = sound(first)
-    if not (whole == sound(splats)).all():
-        return False
-    seen = whole & (first.opacities >= INVISIBLE_OPACITY)
-    moved = ((splats.means[seen].astype(float) - first.means[seen]) ** 2).sum(axis=1)
-    return bool((moved <= first.scales[seen].max(axis=1).astype(float) ** 2).all())
+    if splats.sh.shape != first.sh.shape or not (whole == sound(splats)).all():
+        return ALONE
+    return MOVING if has_moved(splats.take(whole), first.take(whole)).any() else AT_REST

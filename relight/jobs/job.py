@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.base.progress import Stages
 
-from ..engine.appearance import albedo_kept
+from ..engine.appearance import Appearance, albedo_kept
 from ..engine.exposure import level_of
 from ..engine.light_mix import LightKind, LightMix, kind_of
-from ..engine.relighter import Shaded, Shading
+from ..engine.relighter import Relighter, Shaded, Shading
 from ..engine.relit_room import RelitRoom
 from ..light.daylight import DaylightRequest
 from ..light.environment import Environment
@@ -60,9 +60,18 @@ class Job:
         self.known = KnownScene(Inputs(request, stages, at_hand)) if known is None else known
         self.inputs, self.stages = self.known.inputs, self.known.inputs.stages
 
+    _metre: float | None = None
+    """Splat units in a metre, where another pose says it."""
+
     def under(self, env: AnyLight) -> "Job":
         """The same job under another light. Both share what is known of the scene."""
         return Job(self.request.under(env), known=self.known)
+
+    def posed(self, relighter: Relighter, look: Appearance) -> "Job":
+        """The same job on another pose of its scene: that of a Relighter, with its Appearance there."""
+        other = Job(self.request, known=self.known.posed(relighter, look))
+        other._metre = self.mix.scale.metre if self.inputs.asked_lamps else None
+        return other
 
     def begin(self) -> None:
         """As `KnownScene.begin`."""
@@ -126,7 +135,8 @@ class Job:
     def mix(self) -> LightMix:
         """All light on the scene."""
         asked = self.inputs.options, self.inputs.asked_lamps, self.environment
-        return LightMix(*asked, self.known.relighter, self.known.appearance, self.room, self.request.exposure_ev)
+        relighter, look, exposure_ev = self.known.relighter, self.known.appearance, self.request.exposure_ev
+        return LightMix(*asked, relighter, look, self.room, exposure_ev, self._metre)
 
     # plan
 
@@ -167,9 +177,9 @@ class Job:
             message = "no vertex receives any light: the scene is closed, or its faces and normals point inwards"
             warnings.warn(message, DataWarning, stacklevel=2)
         exposure = self.mix.exposure(lights, first.radiance)
-        yield self._with_others(Shaded(lights[0], first, exposure))
+        yield self.beside(Shaded(lights[0], first, exposure))
         for light in lights[1:]:
-            yield self._with_others(Shaded(light, self.shading(light), exposure))
+            yield self.beside(Shaded(light, self.shading(light), exposure))
 
     def let_go(self, shaded: Shaded) -> None:
         """Free the kept bounces, most of the memory, where files need only the light of the surfaces."""
@@ -190,7 +200,8 @@ class Job:
             self.mix.lamps_shown(light, radiance, exposure), [each.name for each in self.inputs.asked_lamps]
         )
 
-    def _with_others(self, shaded: Shaded) -> Shaded:
+    def beside(self, shaded: Shaded) -> Shaded:
+        """What an environment alone shades, with all light beside it and with added objects."""
         shaded = self.mix.mixed(shaded) if self.light_kind.adds else shaded
         return shaded if self.known.inserts is None else self._with_objects(shaded, self.known.inserts)
 

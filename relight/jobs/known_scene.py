@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from concurrent.futures import CancelledError
+from copy import copy
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -55,6 +56,12 @@ class KnownScene:
 
     def __init__(self, inputs: Inputs) -> None:
         self.inputs, self._request, self._stages = inputs, inputs.request, inputs.stages
+
+    def posed(self, relighter: Relighter, look: Appearance) -> "KnownScene":
+        """The same where the scene is in another pose: that of a Relighter, with its Appearance there."""
+        other = copy(self)
+        other.scene, other.relighter, other.appearance = relighter.scene, relighter, look
+        return other
 
     @cached_property
     def scene(self) -> Scene:

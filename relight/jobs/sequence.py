@@ -1,49 +1,55 @@
 """A sequence of splats under a new light: one captured light, exposure and up axis for all frames.
 
-The first frame is meshed and its captured light estimated, as of any splat. A frame that shows the same at rest takes
-the light of that mesh; one that moves is meshed by itself, and lit by the same captured and new light.
+The first frame is meshed and its captured light estimated, as of any splat. Frames of the same splats take the light of
+that mesh, which moves with them; others are meshed by themselves, and lit by the same captured and new light.
 """
 
-import math
 import os
 import time
-import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from splat2mesh.api import default_folder
-from splat2mesh.base.errors import DataWarning, InputError
+from splat2mesh.base.errors import InputError
 from splat2mesh.base.outputs import staged_file
 from splat2mesh.base.progress import Stages
 from splat2mesh.base.strictjson import text_of
-from splat2mesh.capture import capture_of
-from splat2mesh.pipeline import meshed
 from splat2mesh.scene.sources import fingerprint
 from splat2mesh.splats.formats import can_hold, write_splats
 from splat2mesh.splats.splats import Splats
 
+from ..animation.film import FILM, frame_times, joined
 from ..engine.appearance import Appearance, Place
 from ..engine.relighter import Shaded
-from ..light.environment import Environment
-from ..output.relit_splats import RelitSource
+from ..output.images import write_png
 from ..request import AnyLight, RelightRequest
 from ..splats import write_relit_ply
 from .earlier_results import REPORT, Earlier, settings_of
-from .frames import SplatFrame, frame_splats, frames_in, is_at_rest
+from .frames import ALONE, MOVING, SplatFrame, frame_splats, frames_in, state_of
 from .job import Job
+from .lit_frames import LitFrames
 from .meshing import SceneAtHand, scene_at_hand
-from .writer import Writer, report_of
+from .writer import report_of
 
 HEEDED = {"scene", "env", "lighting", "angles_deg", "sun", "at", "north_deg", "capture_env", "capture_tint", "white_at"}
-HEEDED |= {"exposure_ev", "formats", "sky", "meshing", "output", "overwrite", "caching", "clear_cache", "sequence"}
+HEEDED |= {
+    "exposure_ev",
+    "formats",
+    "sky",
+    "meshing",
+    "output",
+    "overwrite",
+    "caching",
+    "clear_cache",
+    "sequence",
+    "fps",
+}
 """Fields of a request that a sequence obeys."""
-
-AT_REST, MOVING = "at rest", "moving"
-"""How a frame was lit, in the report."""
 
 Work = list[tuple[AnyLight, list[Path]]]
 """Each light, and a folder for each of its angles."""
@@ -54,19 +60,20 @@ def check_sequence(request: RelightRequest) -> None:
     for each in fields(request):
         if each.name not in HEEDED and getattr(request, each.name) != each.default:
             raise InputError(f"`{each.name}`: a sequence does not heed it; leave it out")
-    if set(request.formats or ()) - {"splat"}:
-        raise InputError("`formats`: a sequence has splat alone; leave it out")
+    if set(request.formats or ()) - {"splat", "png"}:
+        raise InputError("`formats`: a sequence has splat, and png on request")
+    frame_times(0.0, request.fps)  # or an InputError
 
 
 @dataclass(frozen=True, eq=False)
 class SplatSequence:
     """A folder of frames, the first of which is meshed. request, first: for the scene of that one. frames: all that can
-    be read, in order. resting: the numbers of those that show it at rest. notes: lines of a summary."""
+    be read, in order. states: of `frames.state_of`, by number. notes: lines of a summary."""
 
     request: RelightRequest
     first: SceneAtHand
     frames: list[SplatFrame]
-    resting: frozenset[int]
+    states: dict[int, str]
     notes: list[str]
     stages: Stages
 
@@ -76,7 +83,7 @@ class SplatSequence:
         check_sequence(request)
         folder = Path(os.fspath(request.scene))  # type: ignore[arg-type]
         first: Splats | None = None
-        good, resting = [], set()
+        good, states = [], {}
         for frame in frames_in(folder):
             with stages.stage("read"):
                 splats = frame_splats(frame)
@@ -84,13 +91,19 @@ class SplatSequence:
                 continue
             first = splats if first is None else first
             good.append(frame)
-            if is_at_rest(splats, first):
-                resting.add(frame.number)
+            states[frame.number] = state_of(splats, first)
         if not good:
             raise InputError(f"`sequence`: {folder} holds no frame that can be read")
         known, notes = scene_at_hand(good[0].path, request.meshing, stages, folder=Path(default_folder(folder)))
-        asked = replace(request, scene=known.folder, formats=("splat",))
-        return cls(asked, known, good, frozenset(resting), notes, stages)
+        pictured = ("png",) * ("png" in (request.formats or ()))
+        asked = replace(request, scene=known.folder, formats=("splat", *pictured))
+        return cls(asked, known, good, states, notes, stages)
+
+    @property
+    def counted(self) -> str:
+        """How many frames move, in words."""
+        moving, alone = (list(self.states.values()).count(state) for state in (MOVING, ALONE))
+        return f"{len(self.frames)} frames, of which {moving} move and {alone} have splats of their own"
 
     def write(self, work: Work, messages: list[str]) -> tuple[list[dict[str, Any]], Job]:
         """Light every frame in every light: the report of each folder, and the last Job.
@@ -104,81 +117,47 @@ class SplatSequence:
         reports = []
         for light, folders in work:
             job = job if light is work[0][0] else job.under(light)
-            outputs, exposure = [], 1.0
-            for shaded, folder in zip(job.shaded(), folders, strict=True):
-                exposure = shaded.exposure
+            outputs, lit = [], list(job.shaded())
+            for shaded, folder in zip(lit, folders, strict=True):
                 outputs.append(FrameFolder.of(self.request, folder, job, shaded, messages))
-                source = Writer(job).source
-                for frame in self._left(outputs[-1:], at_rest=True):
-                    self._write_at_rest(frame, source, shaded, outputs[-1])
-            for frame in self._left(outputs, at_rest=False):
-                self._write_moving(frame, job, exposure, outputs)
+            frames = LitFrames(self.request, job, lit)
+            for frame in self._left(outputs):
+                started, state, splats = time.monotonic(), self.states[frame.number], frame_splats(frame)
+                if splats is None:
+                    continue
+                for output, shaded, relit in zip(outputs, lit, frames.relit(frame, splats, state), strict=True):
+                    picture = frames.picture(relit, shaded) if output.pictured else None
+                    output.write(frame, relit, state, picture, started)
+                    started = time.monotonic()
+            notes = [output.film(self.frames, self.request.fps) for output in outputs if output.pictured]
+            self.notes.extend(note for note in dict.fromkeys(notes) if note)
             reports += [output.report for output in outputs]
         return reports, job
 
-    def _left(self, outputs: "list[FrameFolder]", at_rest: bool) -> Iterator[SplatFrame]:
+    def _left(self, outputs: "list[FrameFolder]") -> Iterator[SplatFrame]:
         """Frames that some output lacks."""
-        frames = [frame for frame in self.frames if (frame.number in self.resting) == at_rest]
-        with self.stages.stage("frames", len(frames)) as advance:
-            for frame in frames:
+        with self.stages.stage("frames", len(self.frames)) as advance:
+            for frame in self.frames:
                 if not all(output.has(frame) for output in outputs):
                     yield frame
                 advance(1)
 
-    def _write_at_rest(self, frame: SplatFrame, source: RelitSource, shaded: Shaded, output: "FrameFolder") -> None:
-        started, splats = time.monotonic(), frame_splats(frame)
-        if splats is not None:
-            output.write(frame, source.at_rest(splats, frame.path).relit(shaded), AT_REST, started)
-
-    def _write_moving(self, frame: SplatFrame, job: Job, exposure: float, outputs: "list[FrameFolder]") -> None:
-        """Light a frame by a mesh of its own, that has the axes of the first, in the light of the first."""
-        started, asked, look = time.monotonic(), self.request, job.known.appearance
-        capture = capture_of(frame.path, asked.meshing, self.stages)
-        capture = replace(capture, rotation=np.asarray(job.known.scene.scene_from_splat, np.float64))
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", DataWarning)  # the first frame has warned of the same
-            scene = meshed(frame.path, capture, asked.meshing, self.stages)
-        separable = bool((look.capture or {}).get("separable"))
-        known = _exposed(look.environment) if separable and look.environment is not None else None
-        own = replace(
-            asked,
-            scene=scene,
-            splat=frame.path,
-            albedo=None if separable else "captured",
-            lighting=replace(asked.lighting, captured_sun=None, captured_sky=None, captured_light=known),
-            capture_env=None,
-            capture_tint=None,
-            white_at=None,
-            exposure_ev=math.log2(exposure),
-            caching="none",
-            clear_cache=False,
-        )
-        writer = Writer(Job(own.under(job.request.light), self.stages))
-        for shaded, output in zip(writer.job.shaded(), outputs, strict=True):
-            if not output.has(frame):
-                output.write(frame, writer.relit_splats(shaded), MOVING, started)
-                started = time.monotonic()
-
     def _check_light(self, look: Appearance) -> None:
-        """Raise InputError for frames that move in a light that no other mesh can take over."""
-        moving = next((frame for frame in self.frames if frame.number not in self.resting), None)
-        if moving is not None and look.place is not Place.OPEN:
-            raise InputError(f"`sequence`: frame {moving.number} moves, and in a closed room all must be at rest")
-
-
-def _exposed(light: Environment) -> Environment:
-    """A captured light whose brightness is taken as it is."""
-    same = Environment(light.radiance, light.name, light.rotation_deg)
-    same.exposed = True
-    return same
+        """Raise InputError for frames in a light that their mesh cannot take over."""
+        first = {state: frame.number for frame in reversed(self.frames) for state in [self.states[frame.number]]}
+        if ALONE in first and look.place is not Place.OPEN:
+            raise InputError(f"`sequence`: frame {first[ALONE]} has other splats, and a closed room must keep them")
+        if MOVING in first and self.request.lighting.opened:
+            raise InputError(f"`opened`: frame {first[MOVING]} moves, and under an open ceiling all must be at rest")
 
 
 class FrameFolder:
     """The folder of a light: a splat for each frame, by the name of its file, and the report, which says of each what
-    it was made from. It is written after each frame, so that an interrupted run goes on there."""
+    it was made from. It is written after each frame, so that an interrupted run goes on there. pictured: whether each
+    frame has a picture too."""
 
-    def __init__(self, folder: Path, report: dict[str, Any], messages: list[str]) -> None:
-        self._folder, self.report, self._messages = folder, report, messages
+    def __init__(self, folder: Path, report: dict[str, Any], messages: list[str], pictured: bool) -> None:
+        self._folder, self.report, self._messages, self.pictured = folder, report, messages, pictured
 
     @classmethod
     def of(cls, request: RelightRequest, folder: Path, job: Job, shaded: Shaded, messages: list[str]) -> "FrameFolder":
@@ -187,19 +166,30 @@ class FrameFolder:
         kept = Earlier(folder, settings, request.overwrite).kept.get("frames")
         report = {**report_of(job, shaded), "settings": settings, "frames": kept if isinstance(kept, dict) else {}}
         folder.mkdir(parents=True, exist_ok=True)
-        made = cls(folder, report, messages)
+        made = cls(folder, report, messages, "png" in (request.formats or ()))
         made._save()
         return made
 
     def has(self, frame: SplatFrame) -> bool:
         """Whether the frame was written, from the file as it is now."""
         entry = self.report["frames"].get(frame.path.name)
-        if not isinstance(entry, dict) or not (self._folder / str(entry.get("file"))).is_file():
+        if not isinstance(entry, dict) or entry.get("sha256") != fingerprint(frame.path):
             return False
-        return entry.get("sha256") == fingerprint(frame.path)
+        wanted = ("file", "picture") if self.pictured else ("file",)
+        return all((self._folder / str(entry.get(kind))).is_file() for kind in wanted)
 
-    def write(self, frame: SplatFrame, relit: Splats, state: str, started: float) -> None:
-        """Write the relit splats of a frame in its format, or as a PLY where that has no writer."""
+    def film(self, frames: list[SplatFrame], fps: float) -> str:
+        """Join the pictures of frames. Returns "" when it worked, else why it did not."""
+        names = [self.report["frames"].get(frame.path.name, {}).get("picture") for frame in frames]
+        note = joined([self._folder / name for name in names if name], self._folder / FILM, fps)
+        self.report["film"] = None if note else FILM
+        self._save()
+        return note
+
+    def write(
+        self, frame: SplatFrame, relit: Splats, state: str, picture: NDArray[np.uint8] | None, started: float
+    ) -> None:
+        """Write the relit splats of a frame in its format, or as a PLY where that has no writer, and its picture."""
         name = frame.path.name
         if frame.kind == "ply":
             write_relit_ply(self._folder / name, relit, frame.path)
@@ -209,11 +199,16 @@ class FrameFolder:
             name = f"{frame.path.stem}.ply"
             write_relit_ply(self._folder / name, relit)
         entry = {"file": name, "sha256": fingerprint(frame.path), "state": state}
+        if picture is not None:
+            entry["picture"] = f"{frame.path.stem}.png"
+            write_png(self._folder / entry["picture"], picture)
         self.report["frames"][frame.path.name] = {**entry, "seconds": round(time.monotonic() - started, 2)}
         self._save()
 
     def _save(self) -> None:
-        frames = self.report["frames"]
-        self.report.update(files=[frames[name]["file"] for name in sorted(frames)], warnings=list(self._messages))
+        entries = [self.report["frames"][name] for name in sorted(self.report["frames"])]
+        files = [each[kind] for kind in ("file", "picture") for each in entries if kind in each]
+        film = [self.report["film"]] if self.report.get("film") else []
+        self.report.update(files=files + film, warnings=list(self._messages))
         with staged_file(self._folder / REPORT) as staging:
             staging.write_text(text_of(self.report, indent=1) + "\n", encoding="utf-8")

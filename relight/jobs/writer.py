@@ -89,6 +89,11 @@ class Writer:
         """The splats that the scene was made from, in its light."""
         return self._results.relit_splats(shaded)
 
+    def picture(self, relit: Splats, shaded: Shaded) -> NDArray[np.uint8]:
+        """The picture, (H, W, 3) sRGB, of splats in a light, by the camera of the scene."""
+        with self.job.stages.stage("preview"):
+            return self._results.painted(relit, shaded)
+
     def shown(self, shaded: Shaded) -> Shaded:
         """The light as the mesh shows it: captured outside a part that alone takes the new one."""
         return self._results.shown(shaded)

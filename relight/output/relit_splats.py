@@ -32,6 +32,7 @@ from .kinds import FILES
 from .subject import WrittenScene
 
 if TYPE_CHECKING:
+    from ..engine.appearance import Appearance
     from ..engine.relighter import Shaded, Shading
     from ..insert.inserts import InsertedLight
     from ..splats.floor_mirror import FloorMirror
@@ -99,23 +100,26 @@ class RelitSource:
         mirror = written.mirror()
         return far_splats(splats, written.scene, written.appearance, mirror, self._cache, written.asked.sky)
 
-    def at_rest(self, splats: Splats, path: Path) -> "RelitSource":
-        """That of splats that show the same at rest: row by row the same ones, of which a file has other colours."""
-        bound = self._written.binding
-        other = RelitSource(
-            replace(self._written, splats=(splats, [path]), binding=lambda: bound().recoloured(splats), gloss=None)
-        )
+    def of_frame(
+        self, splats: Splats, path: Path, binding: Binding | None = None, look: "Appearance | None" = None
+    ) -> "RelitSource":
+        """That of other splats, row by row the same ones, of a file. binding, look: of them where they have moved; else
+        they rest, and have other colours."""
+        bound, look = self._written.binding, look or self._written.appearance
+        frame = replace(self._written, splats=(splats, [path]), appearance=look, gloss=None)
+        other = RelitSource(replace(frame, binding=lambda: binding or bound().recoloured(splats)))
         other._far = self._far._replace(source=splats)
         return other
 
-    def relit(self, shaded: "Shaded") -> Splats:
-        """The splats in the new light, as far as they take it, row by row those of the source, in its frame."""
-        found, source, part = self._in_new_light(shaded), self._written.source, self._written.part
+    def relit(self, shaded: "Shaded", usual: Usual | None = None) -> Splats:
+        """The splats in the new light, as far as they take it, row by row those of the source, in its frame. usual: of
+        another pose of the scene."""
+        found, source, part = self._in_new_light(shaded, usual), self._written.source, self._written.part
         if part is None or part.splats is None or source is None:
             return found
         return blended_splats(source, found, part.splats)
 
-    def _in_new_light(self, shaded: "Shaded") -> Splats:
+    def _in_new_light(self, shaded: "Shaded", usual: Usual | None = None) -> Splats:
         far, look, light, exposure = self._far, self._written.appearance, shaded.light, shaded.exposure
         factor = exposure * shaded.backdrop
         if look.capture is not None and look.as_captured and shaded.environment > 0.0:
@@ -128,9 +132,8 @@ class RelitSource:
         mirrored = None if gloss is None else NewLight.of(shaded, received, self._written.lamp_light())
         shining = None if gloss is None else partial(gloss.relit, look)
         bound = BoundSplats(self._written.binding(), look.irradiance, far, shining, self.floor_under)
-        return relit(
-            bound, SplatLight(received, exposure, mirrored, shaded.inserted, light, factor), stages=self._stages
-        )
+        under = SplatLight(received, exposure, mirrored, shaded.inserted, light, factor, usual)
+        return relit(bound, under, stages=self._stages)
 
     def floor_under(self, inserted: "InsertedLight", exposure: float) -> "FloorMirror | None":
         """The floor that mirrors, in the light on objects; None without one. exposure: of the light."""

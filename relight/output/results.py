@@ -112,7 +112,7 @@ class Results:
 
     def _write_preview(self, into: LitFolder) -> None:
         with self._stages.stage("preview"):
-            self._last_picture = self._painted(into.relit, into.shaded)
+            self._last_picture = self.painted(into.relit, into.shaded)
             write_png(into.path / FILES["png"], self._last_picture)
         shown = "splat" if into.relit is not None else "texture" if self._shows_texture else "mesh"
         into.facts["preview"] = {"shows": shown, "camera": self._picture.camera}
@@ -213,7 +213,7 @@ class Results:
         """A RelitPicture of the scene; without a camera, by its own."""
         return RelitPicture(self._scene, camera, PICTURE_SIZE, indoors=self._written.appearance.room is not None)
 
-    def _painted(self, relit: Splats | None, shaded: "Shaded") -> NDArray[np.uint8]:
+    def painted(self, relit: Splats | None, shaded: "Shaded") -> NDArray[np.uint8]:
         """The picture, (H, W, 3) uint8: of the relit splats, else of the texture, else of the mesh, as there are."""
         light = self._behind(shaded)
         exposure, behind = shaded.exposure, shaded.exposure * shaded.backdrop
@@ -236,7 +236,7 @@ class Results:
             image = self._last_picture
             if image is None:
                 relit = None if self._splats is None else self._relit.relit(shaded)
-                image = self._painted(relit, shaded)
+                image = self.painted(relit, shaded)
             self._last_picture = None
             if not self._on_sheet:
                 self._on_sheet = [(name, _halved(each)) for name, each in self._before()]

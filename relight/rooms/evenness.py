@@ -18,7 +18,7 @@ class Evenness:
     """Averages values of the vertices of an Occluder over rings of neighbours that face the same way."""
 
     def __init__(self, occluder: Occluder) -> None:
-        neighbors = Neighbors(occluder.origins, occluder.normals, occluder.faces)
+        neighbors = Neighbors(occluder.origins, occluder.normals, occluder.faces, occluder.ranked)
         count = len(neighbors.vertices)
         rows = scipy.sparse.csr_array(
             (neighbors.weights.astype(np.float64), neighbors.columns, neighbors.starts), (count, count)

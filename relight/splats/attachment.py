@@ -4,13 +4,14 @@ The mesh is welded and sorted by the bits of its vertices, so the division into 
 """
 
 from collections.abc import Mapping
+from copy import copy
 from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from splat2mesh.base.arrays import Directions, Faces, Floats, Integers, Points
+from splat2mesh.base.arrays import Directions, Faces, Floats, Indices, Integers, Points
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.threads import in_batches
 from splat2mesh.render.raycaster import RayCaster, corner_weights
@@ -129,6 +130,12 @@ class Surface:
         )
         return np.searchsorted(keys, asked).astype(np.int32)
 
+    def posed(self, points: Points, normals: Directions, faces: Faces) -> "Surface":
+        """The same nodes elsewhere, with those of its faces that are left. Their areas stay, which weigh them."""
+        other = copy(self)
+        other.points, other.normals, other.faces, other._caster = points, normals, faces, None
+        return other
+
     @property
     def caster(self) -> RayCaster:
         """The RayCaster of the faces."""
@@ -197,10 +204,10 @@ class Places:
             touched = np.linalg.norm(touching.points[rows] - means, axis=1)
             distance, index = tree.query(means, nearest)
             distance, index = distance.reshape(len(means), -1), index.reshape(len(means), -1)
-            axis, flat = _normals(splats.take(rows))
-            agrees = _agreement(axis, flat, surface.normals[index])
+            axis, flat = shortest_axes(splats.take(rows))
+            agrees = agreement(axis, flat[:, None], surface.normals[index])
             on_face = np.einsum("nk,nkc->nc", shares, surface.normals[corners])[:, None]
-            ahead = _agreement(axis, flat, on_face) / (touched * touched + near * near)[:, None]
+            ahead = agreement(axis, flat[:, None], on_face) / (touched * touched + near * near)[:, None]
             around = agrees / (distance * distance + near * near)
             total = ahead + around.sum(axis=1, keepdims=True)
             self.columns[rows, :3], self.columns[rows, 3 : 3 + nearest] = corners, index
@@ -209,6 +216,15 @@ class Places:
             self.far[rows] = 1.0 - 1.0 / (1.0 + (touched / (FAR * surface.diagonal)) ** 4)
 
         in_batches(ask, count)
+
+    def renewed(self, rows: Indices, surface: Surface, splats: Splats) -> "Places":
+        """These, of which some rows (R,) ask a Surface anew, as all of these Splats lie on it."""
+        other, some = copy(self), Places(surface, splats.take(rows))
+        for name in ("columns", "weights", "far", "_means"):
+            values = getattr(self, name).copy()
+            values[rows] = getattr(some, name)
+            setattr(other, name, values)
+        return other
 
     def interpolate(self, values: Floats) -> NDArray[np.float32]:
         """(M, C) float32 of nodes -> (N, C) float32 of Gaussians."""
@@ -296,7 +312,7 @@ def _squared_distances(points: NDArray[np.float64], centers: NDArray[np.float64]
     return total
 
 
-def _normals(splats: Splats) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def shortest_axes(splats: Splats) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Shortest axes (N, 3) float32, of either sign, and how flat the Gaussians are, (N,) in [0, 1]."""
     shortest = splats.scales.argmin(axis=1)
     axes = np.take_along_axis(splats.rotation_matrices(), shortest[:, None, None], axis=2)[:, :, 0]
@@ -304,7 +320,8 @@ def _normals(splats: Splats) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     return axes, np.maximum(1.0 - (ranked[:, 0] / np.maximum(ranked[:, 1], 1e-30) / ROUND) ** 2, 0.0)
 
 
-def _agreement(axes: Directions, flat: Floats, normals: Directions) -> Floats:
-    """Weights in [LEAST_AGREEMENT, 1] of places with normals (N, k, 3) for Gaussians with these axes: (N, k)."""
+def agreement(axes: Directions, flat: Floats, normals: Directions) -> Floats:
+    """Weights in [LEAST_AGREEMENT, 1] of places with normals (N, k, 3) for Gaussians with these axes (N, 3): (N, k).
+    flat: of the Gaussians, which may change places with the normals."""
     cosine = np.einsum("nc,nkc->nk", axes, normals)
-    return 1.0 - flat[:, None] * (1.0 - LEAST_AGREEMENT) * (1.0 - np.minimum(cosine * cosine, 1.0))
+    return 1.0 - flat * (1.0 - LEAST_AGREEMENT) * (1.0 - np.minimum(cosine * cosine, 1.0))

@@ -20,6 +20,7 @@ from splat2mesh.splats.splats import INVISIBLE_OPACITY, MIN_SPLATS, Splats
 
 from ..transfer.store import Cache, array_key
 from .attachment import Places, Surface
+from .carried import CarriedMesh, MovedMesh, has_moved
 from .floor_mirror import FloorMirror
 from .light_ratio import CURVE_POWER, LEAST, Usual, log_gain, relit_sh, without_clipping
 from .looks import Looks
@@ -100,9 +101,8 @@ class Binding:
             return self
         below = np.zeros((len(self.shown), 3), np.float32)
         below[rows] = 1.0
-        looks = self._looks
-        clear = looks.blending.drawn(below[self._drawn])[looks.known, 0] < LEAST_SHARE
-        self._looks = looks._replace(known=looks.known[clear], corners=looks.corners[clear], uv=looks.uv[clear])
+        clear = self._looks.blending.drawn(below[self._drawn])[self._looks.known, 0] < LEAST_SHARE
+        self._looks = self._looks.at_pixels(clear)
         return self
 
     def recoloured(self, splats: Splats) -> "Binding":
@@ -114,6 +114,26 @@ class Binding:
             raise InputError(f"expected the {len(self._splats)} splats that are bound, found {len(splats)}")
         other = copy(self)
         other._splats, other.shown = splats, splats if self.lit.all() else splats.take(self.lit)
+        return other
+
+    def posed(self, splats: Splats, mesh: MovedMesh, captured: Radiance) -> "Binding":
+        """The same binding of other Splats, row by row, that carry the mesh. captured: (V, 3), its colours there.
+
+        Gaussians that went apart from what they lie on are attached anew, and the fit leaves torn faces out.
+        """
+        other = self.recoloured(splats)
+        other.surface, other._captured = mesh.surface, captured
+        columns, shown = self.places.columns, (self.shown, other.shown)
+        asked = np.flatnonzero(mesh.moved[columns].any(axis=1) | has_moved(other.shown, self.shown))
+        lengths = [
+            np.linalg.norm(each.means[asked, None] - on.points[columns[asked]], axis=2)
+            for each, on in zip(shown, (self.surface, mesh.surface), strict=True)
+        ]
+        extents = np.maximum(self.shown.scales[asked].max(axis=1, keepdims=True), mesh.extents[columns[asked]])
+        apart = (np.abs(lengths[1] - lengths[0]) > extents) & (self.places.weights[asked] > 0.0)
+        other.places = self.places.renewed(asked[apart.any(axis=1)], mesh.surface, other.shown)
+        if self._looks is not None:
+            other._looks = self._looks.at_pixels(~mesh.torn(self._looks.corners))
         return other
 
     def _restore(self, kept: Mapping[str, NDArray[Any]]) -> "Binding":
@@ -153,6 +173,11 @@ class Binding:
     def drawn(self) -> Splats:
         """The Splats of those pictures, with what depends on the view."""
         return self.shown.take(np.flatnonzero(self._drawn))
+
+    @property
+    def carried(self) -> CarriedMesh:
+        """The mesh, as the splats carry it where they move."""
+        return CarriedMesh(self.surface, self.drawn, self.drawn_rows)
 
     @property
     def drawn_rows(self) -> NDArray[np.int64]:
@@ -209,6 +234,17 @@ class Binding:
             sh[self.lit] = relit_rows
         return replace(s, sh=sh)
 
+    def usual(self, before: Radiance, after: Radiance, exposure: float = 1.0) -> Usual:
+        """What `relit` takes for the Usual of the scene without one. Arguments as of it."""
+        after = np.asarray(after, np.float64) * exposure
+        found = Usual.of(np.asarray(before, np.float64), after, self._shares)
+        return found._replace(gain=log_gain(self._captured, before, after, self._shares, found)[1])
+
+    @property
+    def _shares(self) -> NDArray[np.float64]:
+        """(V,) what each vertex counts in means over the scene."""
+        return (self.surface.areas / np.bincount(self.surface.node))[self.surface.node]
+
     def log_gains(self, before: Radiance, after: Radiance, exposure: float = 1.0) -> NDArray[np.float32]:
         """(M, 3) log gain of the nodes by which `relit` relights."""
         return self._log_gains(before, after, exposure, None)[0]
@@ -222,8 +258,7 @@ class Binding:
             raise InputError(
                 f"the irradiance must be {self._captured.shape}, one for each vertex, found {np.shape(before)}"
             )
-        shares = (self.surface.areas / np.bincount(self.surface.node))[self.surface.node]
-        of_vertices, mean = log_gain(self._captured, before, after, shares, usual)
+        of_vertices, mean = log_gain(self._captured, before, after, self._shares, usual)
         return self._wide.shared(self.surface.of_vertices(of_vertices)), mean
 
     def spread(self, of_vertices: NDArray[np.float32], mix: Mix = by_color) -> NDArray[np.float32]:

@@ -99,6 +99,10 @@ class Looks(NamedTuple):
         arrays = {"rows": rows, "masks": masks, "known": np.packbits(known), "faces": surface.numbers_of(self.corners)}
         return lists | arrays | {"uv": np.rint(self.uv * UV_PARTS).astype(np.uint16), "eyes": self.eyes}
 
+    def at_pixels(self, kept: Mask) -> "Looks":
+        """These pictures, of which some of the known pixels, (K,) bool, are known."""
+        return self._replace(known=self.known[kept], corners=self.corners[kept], uv=self.uv[kept])
+
     def joined(self, other: "Looks") -> "Looks":
         """These pictures and, after them, others of the same Gaussians and the same mesh."""
         before = AREA * (len(self.blending.runs) - 1)

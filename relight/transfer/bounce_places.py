@@ -19,7 +19,6 @@ from splat2mesh.base.threads import in_slices
 from . import check_rays, sampling
 from .bounce_rows import FINENESS, LEAST_KEPT, SIDE
 from .facing import is_front
-from .neighbors import ranked_nodes
 from .occluder import Occluder
 from .receivers import Receivers
 
@@ -60,7 +59,7 @@ class BouncePlaces(NamedTuple):
         occluder, seed, advance, receivers = how
         azimuths = sampling.fibonacci_azimuths(check_rays(rays))
         count, batch = len(occluder.origins), batch_of(rays)
-        order, new_node, _ = ranked_nodes(occluder.origins, occluder.normals)
+        order, new_node, _ = occluder.ranked
         node, hits = np.zeros((2, count), np.int32)
         node[order] = np.cumsum(new_node) - 1
         copies = np.bincount(node, minlength=1)[node].astype(np.int32)

@@ -64,7 +64,7 @@ class KeptBounces:
     def _neighbors(self) -> Neighbors:
         """The Neighbors of the occluder."""
         occluder = self.occluder
-        return Neighbors(occluder.origins, occluder.normals, occluder.faces)
+        return Neighbors(occluder.origins, occluder.normals, occluder.faces, occluder.ranked)
 
     @property
     def receivers(self) -> Receivers:

@@ -38,8 +38,9 @@ class Neighbors:
         origins: NDArray[np.float32],  # (V, 3) float32, unit frame of the occluder
         normals: NDArray[np.float32],  # (V, 3) float32, unit
         faces: Integers,  # (F, 3) integers; faces of no area and faces given twice do no harm
+        ranked: tuple[NDArray[np.int64], Mask, Mask] | None = None,  # of `ranked_nodes`, in this pose or another
     ) -> None:
-        order, new_node, new_place = ranked_nodes(origins, normals)
+        order, new_node, new_place = ranked_nodes(origins, normals) if ranked is None else ranked
         node_ranked = np.cumsum(new_node) - 1
         self.vertices = order[new_node]
         self.node = np.zeros(len(order), np.int64)

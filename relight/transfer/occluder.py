@@ -1,5 +1,6 @@
 """All occluders of light as one set of triangles, and the origins of their rays."""
 
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -70,6 +71,7 @@ class Occluder:
     origins: (V, 3) float32, in the occluder's unit frame (Frame), whatever the scene's size.
     normals: (V, 3) float32, unit, as `unit_normals` repairs them.
     faces: (F, 3) uint32.
+    frame: that unit frame.
     """
 
     def __init__(
@@ -77,18 +79,26 @@ class Occluder:
         vertices: ArrayLike,  # (V, 3) scene frame
         normals: ArrayLike,  # (V, 3) scene frame
         faces: ArrayLike,  # (F, 3) integers, opaque from both sides
+        first: "Occluder | None" = None,  # of the same vertices in another pose, whose frame and ranks are kept
     ) -> None:
         """Build the Embree scene. Raises InputError for arrays that do not make a mesh with an extent."""
         vertices, faces = np.asarray(vertices), np.asarray(faces)
         check_mesh(vertices, normals)
         check_faces(faces, len(vertices))
-        frame = Frame.around(vertices, faces)
-        centered = frame.unit(vertices)
+        self.frame: Frame = Frame.around(vertices, faces) if first is None else first.frame
+        centered = self.frame.unit(vertices)
         self.normals = unit_normals(normals)
-        self.origins = _origins(centered, self.normals, faces, INPUT_ROUNDINGS * frame.rounding)
+        self.origins = _origins(centered, self.normals, faces, INPUT_ROUNDINGS * self.frame.rounding)
         self.faces = np.ascontiguousarray(faces, np.uint32)
         self._caster = RayCaster(centered, self.faces)
         self._hidden: RayCaster | None = None
+        if first is not None:
+            self.ranked, self._hidden = first.ranked, first._hidden
+
+    @cached_property
+    def ranked(self) -> tuple[NDArray[np.int64], Mask, Mask]:
+        """`ranked_nodes` of the origins; those of the first pose where there is one, so that each keeps its rays."""
+        return ranked_nodes(self.origins, self.normals)
 
     def shut(self, triangles: NDArray[np.float32]) -> None:
         """Let no ray leave the scene through triangles (B, 3, 3), unit frame. Between surfaces they hide nothing."""

@@ -58,7 +58,7 @@ class Receivers:
         occluder: Occluder,
     ) -> "Receivers":
         """The vertices that are shown, and a few of the others; those that agree in place and normal together."""
-        neighbors = Neighbors(occluder.origins, occluder.normals, occluder.faces)
+        neighbors = Neighbors(occluder.origins, occluder.normals, occluder.faces, occluder.ranked)
         node, count = neighbors.node, len(neighbors.vertices)
         traced = np.bincount(node, shown, count) > 0
         others = np.flatnonzero(~traced)

@@ -77,6 +77,7 @@ class Foliage:
         self.share[self.share >= WHOLLY] = 1.0
         self._points, self._depth = vertices[self.rows].astype(np.float64), depth
         self.key = array_key(volume, *depth)
+        self._probes: tuple[tuple[int, int], NDArray[np.float32]] | None = None  # the last ones
         self._count = len(volume)
 
     @classmethod
@@ -137,8 +138,11 @@ class Foliage:
 
     def probes(self, bands: int, directions: int = VOLUME_DIRECTIONS) -> NDArray[np.float32]:
         """Transfer (P, K) float32 of the probes: the mean over the sphere of exp(-tau) times the harmonics."""
-        toward = fibonacci_sphere(directions)
-        return gathered(self._depth, self._lattice.points, toward, harmonics.evaluate(toward, bands) / directions)
+        if self._probes is None or self._probes[0] != (bands, directions):
+            toward = fibonacci_sphere(directions)
+            weights = harmonics.evaluate(toward, bands) / directions
+            self._probes = (bands, directions), gathered(self._depth, self._lattice.points, toward, weights)
+        return self._probes[1]
 
     @cached_property
     def _lattice(self) -> "Lattice":

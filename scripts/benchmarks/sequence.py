@@ -1,7 +1,8 @@
 """A sequence under a new light: dB of each frame against its truth, flicker on what rests, processor seconds.
 
-A generated tabletop on which a column moves. PSNR with one gain a colour for all frames, in views around. Flicker: the
-spread over time of the change of light, in percent, beside the noise of the capture, of splats that do not move.
+A generated tabletop on which a column slides, or a box turns. PSNR with one gain a colour for all frames, in views
+around. Flicker: the spread over time of the change of light less its true change, in percent, beside the noise of the
+capture, of splats that do not move; also of those whose light stays, and of the others, which a moving shadow passes.
 """
 
 import os
@@ -15,10 +16,13 @@ from relight.jobs.folders import relight_files
 from relight.light.loading import light_of
 from relight.request import RelightRequest
 from scenes.cameras import capture_views
-from scenes.sequence import MovingTabletop
+from scenes.sequence import MOTIONS, MovingTabletop
 from splat2mesh.render.rasterize import rasterize
 from splat2mesh.scene.color import linear_from_srgb
 from splat2mesh.splats.formats import read_splats, write_inria_ply
+
+STEADY = 0.01
+"""Spread over time, of the log of the true light on a splat, up to which it counts as light that stays."""
 
 QUICK = ["--frames", "2", "--splats", "4000", "--views", "2"]
 
@@ -29,12 +33,12 @@ def arguments(parser):
     parser.add_argument("--views", type=int, default=6)
     parser.add_argument("--capture", default="noon", metavar="LIGHT")
     parser.add_argument("--light", default="sunset", metavar="LIGHT")
-    parser.add_argument("--still", action="store_true", help="nothing moves")
+    parser.add_argument("--motion", choices=MOTIONS, default="slide")
     parser.add_argument("--lone", action="store_true", help="also light the last frame alone")
 
 
 def run(options, report):
-    scene = MovingTabletop(options.frames, options.splats, still=options.still)
+    scene = MovingTabletop(options.frames, options.splats, motion=options.motion)
     before, after = light_of(options.capture), light_of(options.light)
     gains = scene.gain(before), scene.gain(after)
     numbers = range(options.frames)
@@ -66,7 +70,12 @@ def run(options, report):
             _light(a) - _light(b) - _light(c) + _light(d)
             for a, b, c, d in zip(relit, captured, true, clean, strict=True)
         ]
+        steady = rest & (_changes(clean) < STEADY) & (_changes(true) < STEADY)
         report.note(f"noise of the capture {100 * noise:.2f}%, flicker {100 * _spread(change, rest):.2f}%")
+        for name, rows in (("light stays", steady), ("a shadow passes", rest & ~steady)):
+            if rows.any():
+                share = rows.sum() / rest.sum()
+                report.note(f"where {name} ({share:.0%} of them) {100 * _spread(change, rows):.2f}%")
         report.note(f"the sequence took {seconds:.1f} processor seconds")
         if options.lone:
             asked = RelightRequest(folder / names[-1], options.light, formats=("splat",), output="lone")
@@ -77,6 +86,11 @@ def run(options, report):
 def _light(splats):
     """Log of linear colours (N, 3); darker than .02 counts as that."""
     return np.log(np.maximum(linear_from_srgb(np.clip(splats.colors_diffuse, 0.0, 1.0)), 0.02))
+
+
+def _changes(frames):
+    """Standard deviation over time (N,) of the light of splats without noise, in the colour where it is largest."""
+    return np.std(np.stack([_light(each) for each in frames]), axis=0).max(axis=1)
 
 
 def _spread(values, rows):

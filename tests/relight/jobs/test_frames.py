@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from splat_samples import make_splats
 
-from relight.jobs.frames import frame_splats, frames_in, is_at_rest
+from relight.jobs.frames import ALONE, AT_REST, MOVING, frame_splats, frames_in, state_of
 from splat2mesh.base.errors import DataWarning, InputError
 
 
@@ -82,11 +82,15 @@ def test_splats_rest_within_their_own_extent():
         means[row, 0] += by * largest[row]
         return replace(first, means=means)
 
-    assert is_at_rest(first, first) and is_at_rest(replace(first, sh=2 * first.sh), first)
-    assert is_at_rest(moved(slice(None), 0.9), first) and not is_at_rest(moved(7, 1.1), first)
-    assert not is_at_rest(first.take(np.arange(49)), first)
-    assert not is_at_rest(replace(first, sh=first.sh[:, :1]), first)
-    assert not is_at_rest(replace(first, means=np.where(np.arange(50)[:, None] == 3, np.nan, first.means)), first)
+    assert state_of(first, first) == state_of(replace(first, sh=2 * first.sh), first) == AT_REST
+    assert state_of(moved(slice(None), 0.9), first) == AT_REST and state_of(moved(7, 1.1), first) == MOVING
+
+
+def test_splats_of_other_rows_stand_alone():
+    first = make_splats(50, 1)
+    lost = replace(first, means=np.where(np.arange(50)[:, None] == 3, np.nan, first.means))
+    for other in (first.take(np.arange(49)), replace(first, sh=first.sh[:, :1]), lost):
+        assert state_of(other, first) == ALONE
 
 
 def test_what_nobody_sees_may_move():
@@ -94,4 +98,4 @@ def test_what_nobody_sees_may_move():
     faint = replace(first, opacities=np.where(np.arange(50) == 7, 0.001, first.opacities))
     means = faint.means.copy()
     means[7] += 9.0
-    assert is_at_rest(replace(faint, means=means), faint)
+    assert state_of(replace(faint, means=means), faint) == AT_REST
