@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-import re
+import runpy
 from pathlib import Path
 
 import numpy as np
@@ -13,16 +13,14 @@ from relight.splats.light_ratio import CURVE_POWER
 from splat2mesh.scene.color import linear_from_srgb
 from splat2mesh.splats.formats import write_splats
 
-PAGE = Path(__file__).parents[2] / "docs" / "live.md"
+READER = Path(__file__).parents[2] / "examples" / "read_bundle.py"
 
 DIRECT, SPREAD, DIRECTIONS = 100, 16, 7
 
 
 def reader():
-    """The names of the reader that docs/live.md prints: read, turned, change."""
-    names = {}
-    exec(re.search(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)[1], names)
-    return names
+    """The names of the reader that docs/live.md refers to: read, turned, change."""
+    return runpy.run_path(str(READER))
 
 
 def make_bundle(folder, count=60, clusters=5, weights=6, seed=0, splats=None, lamps=False):

@@ -1,5 +1,5 @@
 import json
-import re
+import runpy
 from pathlib import Path
 
 import numpy as np
@@ -20,10 +20,8 @@ ROOT = Path(__file__).parents[3]
 
 @pytest.fixture(scope="module")
 def reader():
-    """The reference reader of docs/live.md, as it stands there."""
-    names = {}
-    exec(re.search(r"```python\n(.*?)```", (ROOT / "docs/live.md").read_text("utf-8"), re.DOTALL)[1], names)
-    return names
+    """The reference reader of docs/live.md."""
+    return runpy.run_path(str(ROOT / "examples/read_bundle.py"))
 
 
 @pytest.fixture(scope="module")

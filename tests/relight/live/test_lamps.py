@@ -1,7 +1,7 @@
 """Placed lamps and captured light in what is live: the documented reader finds what a relit splat shows."""
 
 import json
-import re
+import runpy
 import shutil
 import subprocess
 from dataclasses import replace
@@ -61,9 +61,7 @@ def job_of(scene, *lamps, env="captured", captured=CAPTURED, **more):
 
 @pytest.fixture(scope="module")
 def reader():
-    names = {}
-    exec(re.search(r"```python\n(.*?)```", (ROOT / "docs/live.md").read_text("utf-8"), re.DOTALL)[1], names)
-    return names
+    return runpy.run_path(str(ROOT / "examples/read_bundle.py"))
 
 
 @pytest.fixture(scope="module")
