@@ -27,7 +27,7 @@ SKIPPED = 0.35
 BANDS = (2, 3, 4, 5, 6, 8, 10)
 RAYS = tuple(2**power for power in range(2, 12))
 
-SUN_TOLERANCES = tuple(0.001 * 2.0**power for power in range(7))
+SUN_TOLERANCES = tuple(0.001 * 4.0**power for power in range(4))
 """What suns may be split to, whatever the tolerance, so that a looser one has every choice of a tighter one. What a
 split leaves is estimated for walls that stand anywhere. Where edges of sunlight or bright sky beside the sun take much
 of the tolerance, the finest is cheaper than the rays that would make up for them."""
@@ -41,7 +41,7 @@ BUDGET_TOLERANCE = 0.005
 NEAR_LEAST = 1.1
 """Without a setting within the target: the factor on the least error within which the cheapest setting wins."""
 
-MAX_SPLITS = 3
+MAX_SPLITS = len(SUN_TOLERANCES)
 """How often suns are looked for while a plan is made: that takes longer than all the rest of it."""
 
 STOP_PART, LEAST_STOP = 0.1, 1e-3  # of the tolerance, for the bounces after the last
@@ -107,24 +107,29 @@ class Choice:
 
         Suns are found for the chosen one alone. Where they turn out more, or the rest less smooth, it may lose.
         """
-        for _ in range(MAX_SPLITS + 1):
-            if self.budget_s is None:
-                good = [each for each in self._candidates if each.error <= self._target]
-                best = min(good, key=_quickest) if good else self._least()
-            else:
-                good = [each for each in self._candidates if each.seconds <= self.budget_s]
-                best = min(good, key=_most_exact) if good else min(self._candidates, key=_quickest)
+        while True:
+            best = self._chosen(self._candidates)
             key = best.settings.bands, best.settings.sun_tolerance
-            if not best.settings.sun_tolerance or key in self._splits or len(self._splits) == MAX_SPLITS:
-                break
+            if not best.settings.sun_tolerance or key in self._splits:
+                return best
+            if len(self._splits) == MAX_SPLITS:
+                return self._chosen([each for each in self._candidates if self._is_known(each.settings)])
             self._split(key)
             self._candidates = list(self._all())
-        return best
 
-    def _least(self) -> Candidate:
-        """The quickest of those that come close to the least error there is."""
-        least = min(each.error for each in self._candidates)
-        return min((each for each in self._candidates if each.error <= NEAR_LEAST * least), key=_quickest)
+    def _chosen(self, candidates: list[Candidate]) -> Candidate:
+        if self.budget_s is not None:
+            good = [each for each in candidates if each.seconds <= self.budget_s]
+            return min(good, key=_most_exact) if good else min(candidates, key=_quickest)
+        good = [each for each in candidates if each.error <= self._target]
+        if good:
+            return min(good, key=_quickest)
+        least = min(each.error for each in candidates)
+        return min((each for each in candidates if each.error <= NEAR_LEAST * least), key=_quickest)
+
+    def _is_known(self, settings: Settings) -> bool:
+        """Whether its suns, if it has any, were found."""
+        return not settings.sun_tolerance or (settings.bands, settings.sun_tolerance) in self._splits
 
     def curve(self) -> list[tuple[float, float, Settings]]:
         """[(seconds, error, Settings)]: every candidate that no quicker one equals, from quick to exact."""
@@ -143,8 +148,8 @@ class Choice:
 
     def found_s(self, settings: Settings) -> float:
         """Seconds of the settings' cost that planning itself has spent: the suns that it found are not sought again."""
-        known = settings.sun_tolerance and (settings.bands, settings.sun_tolerance) in self._splits
-        return costs.SPLIT * self.measured.sample.ray_s if known else 0.0
+        found = settings.sun_tolerance and self._is_known(settings)
+        return costs.SPLIT * self.measured.sample.ray_s if found else 0.0
 
     def checked(self, settings: Settings, transfer: Floats, tolerance: float) -> float:
         """The error of the settings with the noise that a transfer (S, K) of the sample's rows really has; beyond the
