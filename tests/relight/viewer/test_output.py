@@ -15,6 +15,7 @@ from relight.viewer import record_turntable, view
 from relight.viewer.notebook import run_loop, serve, show_widget
 from relight.viewer.recording import fit_to
 from relight.viewer.request import Turntable
+from relight.viewer.waiting import Served
 from relight.viewer.window import Window
 from splat2mesh.base.errors import InputError
 
@@ -104,7 +105,7 @@ def test_in_a_notebook_the_loop_pushes_every_picture_until_it_is_closed(window):
 def test_without_trame_one_line_says_what_to_do(window, monkeypatch):
     for name in ("trame", "trame_pyvista", "trame_pyvista.ui"):
         monkeypatch.setitem(sys.modules, name, None)
-    for start in (show_widget, serve):
+    for start in (show_widget, lambda window: serve(window, Served.at(0))):
         with pytest.raises(InputError, match="pip install"):
             start(window)
 
