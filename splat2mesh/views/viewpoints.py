@@ -128,16 +128,32 @@ def virtual_views(
     splats: cleaned Splats. pixels: longer side of the views returned.
     up: (3,) unit, the up direction in the splat's frame. seed: for the jitter of the candidates. space: where all of
     them stand, or None for anywhere: then all look from the side that the capture looked from, if it was one.
-    Returns a list of View, the ones that show most first. Warns with a DataWarning of a capture from one side.
+    Returns a list of View, the ones that show most first.
     """
+    return _chosen(splats, count, pixels, up, seed, space)[0]
+
+
+def first_views(splats: Splats, count: int, pixels: int, up: Vector, seed: int) -> list[View]:
+    """The same from anywhere, with a DataWarning of a capture from one side."""
+    views, one_sided = _chosen(splats, count, pixels, up, seed, None)
+    if one_sided:
+        message = "captured from one side: sharp from there, a blur from behind; what no camera saw stays open"
+        warnings.warn(message, DataWarning, stacklevel=2)
+    return views
+
+
+def _chosen(
+    splats: Splats, count: int, pixels: int, up: Vector, seed: int, space: FreeSpace | None
+) -> tuple[list[View], bool]:
+    """Views as of `virtual_views`, and whether the capture looked from one side."""
     bounds, views = bounds_of(splats), candidate_views(splats, count, up, seed)
     if space is not None and views:
         views = [views[row] for row in np.flatnonzero(space.holds(np.stack([view.center for view in views])))]
     sketch = thinned(splats, np.random.default_rng(seed), OBJECT_SKETCH if space is None else SKETCH_SPLATS)
-    judged = Judged.by(replace(sketch, sh=sketch.sh[:, :1]), views, bounds)  # no candidate is judged by its colours
-    if space is None:
-        judged = _from_its_side(judged, splats, count, up, seed)
-    return [judged.views[row].resized(pixels) for row in _cover(judged.coverage, judged.fuzziness, count)]
+    every = Judged.by(replace(sketch, sh=sketch.sh[:, :1]), views, bounds)  # no candidate is judged by its colours
+    judged = _from_its_side(every, splats, count, up, seed) if space is None else every
+    chosen = _cover(judged.coverage, judged.fuzziness, count)
+    return [judged.views[row].resized(pixels) for row in chosen], judged is not every
 
 
 def _from_its_side(judged: Judged, splats: Splats, count: int, up: Vector, seed: int) -> Judged:
@@ -151,11 +167,7 @@ def _from_its_side(judged: Judged, splats: Splats, count: int, up: Vector, seed:
     clear = thinned(splats, np.random.default_rng(seed), CLEARER * SKETCH_SPLATS)
     seen = Judged.by(clear, judged.views[:count], bounds_of(splats)).fuzziness
     front = sharp_side(backward[:count], seen, up)
-    if front is None:
-        return judged
-    message = "captured from one side: sharp from there, a blur from behind; what no camera saw stays open"
-    warnings.warn(message, DataWarning, stacklevel=3)
-    return judged.take(np.flatnonzero(backward @ front > 0.0))
+    return judged if front is None else judged.take(np.flatnonzero(backward @ front > 0.0))
 
 
 def candidate_views(splats: Splats, count: int, up: Vector, seed: int = 0) -> list[View]:

@@ -8,7 +8,7 @@ from splat2mesh.base.errors import DataWarning
 from splat2mesh.splats.joining import joined
 from splat2mesh.splats.splats import Splats
 from splat2mesh.views.oneside import CONTRAST, sharp_side
-from splat2mesh.views.viewpoints import OBJECT_SKETCH, even_directions, virtual_views
+from splat2mesh.views.viewpoints import OBJECT_SKETCH, even_directions, first_views
 
 UP = np.array([0.0, 1.0, 0.0])
 AROUND = even_directions(64)
@@ -54,7 +54,7 @@ def relief(behind, apart=0.04):
 
 def test_views_of_such_a_capture_stay_on_its_side():
     with pytest.warns(DataWarning, match="captured from one side"):
-        views = virtual_views(relief(True), 24, 64, UP)
+        views = first_views(relief(True), 24, 64, UP, 0)
     assert views and all(view.forward[2] < 0.0 for view in views)
 
 
@@ -63,10 +63,10 @@ def test_a_capture_larger_than_the_sketch_has_its_side_too():
     large = relief(True, 0.012)
     assert len(large) > OBJECT_SKETCH
     with pytest.warns(DataWarning, match="captured from one side"):
-        views = virtual_views(large, 24, 64, UP)
+        views = first_views(large, 24, 64, UP, 0)
     assert views and all(view.forward[2] < np.sin(np.radians(16.0)) for view in views)
 
 
 def test_a_sheet_that_is_as_sharp_from_behind_is_seen_from_both_sides():
-    views = virtual_views(relief(False), 24, 64, UP)
+    views = first_views(relief(False), 24, 64, UP, 0)
     assert {np.sign(view.forward[2]) for view in views} >= {-1.0, 1.0}
