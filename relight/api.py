@@ -301,7 +301,7 @@ def view_request(
     from .viewer import view
 
     stages = stages or Stages()
-    session = _session(request, stages, (lambda picture: nullcontext()) if screenshot else in_a_window)
+    session = _session(request, stages, None if screenshot else in_a_window)
     view(session, screenshot=screenshot)
 
 
@@ -349,15 +349,17 @@ def _relit(writer: Writer) -> RelitScene:
 
 
 def _session(
-    request: RelightRequest, stages: Stages, shown: Callable[[NDArray[np.uint8]], AbstractContextManager[None]]
+    request: RelightRequest,
+    stages: Stages,
+    shown: Callable[[NDArray[np.uint8]], AbstractContextManager[None]] | None,
 ) -> "SessionRequest":
-    """The session of a request. shown: shows the first look at a splat while it is meshed and lit."""
+    """The session of a request. shown: shows the first look at a splat while it is meshed and lit; None without."""
     check_session(request)
     splat, capture, picture = splat_to_mesh(request), None, None
-    if splat is not None:
+    if splat is not None and shown is not None:
         capture = capture_of(splat, request.meshing, stages)
         picture = first_picture(request.under(first_light(request)), capture, stages)
-    with nullcontext() if picture is None else shown(picture):
+    with nullcontext() if picture is None or shown is None else shown(picture):
         request, at_hand, _ = meshed_request(request, stages, capture)
         session = session_of(Job(request.under(first_light(request)), stages, at_hand))
     stages.close()

@@ -109,12 +109,11 @@ class Choice:
         """
         while True:
             best = self._chosen(self._candidates)
-            key = best.settings.bands, best.settings.sun_tolerance
-            if not best.settings.sun_tolerance or key in self._splits:
+            if self._is_known(best.settings):
                 return best
             if len(self._splits) == MAX_SPLITS:
                 return self._chosen([each for each in self._candidates if self._is_known(each.settings)])
-            self._split(key)
+            self._split((best.settings.bands, best.settings.sun_tolerance))
             self._candidates = list(self._all())
 
     def _chosen(self, candidates: list[Candidate]) -> Candidate:

@@ -1,6 +1,7 @@
 """From a sample of the scene to a plan: the cheapest settings within an error, or the best within a time."""
 
 import math
+import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -25,9 +26,6 @@ VOLUME_PART = 0.35
 
 UNSHADOWED = ("analytic", "neural-gash", "blinn-phong")
 """Methods that trace nothing, and march through nothing."""
-
-LEAST_BUDGET_S = 1e-9
-"""Seconds where planning has used up the budget: none but the quickest settings are left."""
 
 SAMPLE_VERTICES = 384
 SAMPLE_DIRECTIONS, FEWEST, MOST = 28.6, 1024, 8192
@@ -79,8 +77,9 @@ def planned(
         leaves = leaves_for(error, measured.leafy, wish, effects, direction_s, len(foliage.rows))
     if leaves is None or not leaves.directions:
         measured = EffectErrors(sample, environment, albedo, bouncing)
-    if budget_s is not None:  # what planning took is part of it
-        options = replace(options, budget_s=max(budget_s - (time.perf_counter() - start), LEAST_BUDGET_S))
+    if budget_s is not None:  # what planning took is part of it; of one that is used up the least number is left
+        left_s = budget_s - (time.perf_counter() - start)
+        options = replace(options, budget_s=max(left_s, sys.float_info.min))
     choice = Choice(measured, environment, options, tolerance, angles, leaves, there)
     best = choice.best()
     return Plan(

@@ -15,7 +15,7 @@ import tempfile
 import threading
 from base64 import b64encode
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -92,13 +92,15 @@ def _shown(picture: NDArray[np.uint8], words: list[str]) -> Iterator[None]:
     process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     assert process.stdin is not None  # a pipe
     try:
-        process.stdin.write(len(content).to_bytes(8, "little") + content)
-        process.stdin.flush()
+        with suppress(BrokenPipeError):  # it could not start: the session comes without it
+            process.stdin.write(len(content).to_bytes(8, "little") + content)
+            process.stdin.flush()
         yield
     finally:
         process.terminate()
         process.wait()
-        process.stdin.close()
+        with suppress(BrokenPipeError):
+            process.stdin.close()
 
 
 class _FirstLookHandler(http.server.BaseHTTPRequestHandler):

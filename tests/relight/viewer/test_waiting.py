@@ -2,6 +2,7 @@
 
 import io
 import os
+import shutil
 import subprocess
 import sys
 import time
@@ -17,7 +18,7 @@ from PIL import Image
 
 from relight import api
 from relight.request import RelightRequest
-from relight.viewer.waiting import _PAGE, FIRST_LOOK, Served, in_a_browser
+from relight.viewer.waiting import _PAGE, FIRST_LOOK, Served, in_a_browser, in_a_window
 from splat2mesh.base.progress import Stages
 from splat2mesh.options import ConvertOptions
 from splat2mesh.splats.formats import write_inria_ply
@@ -63,6 +64,22 @@ def test_a_window_shows_it():
         command, input=len(content).to_bytes(8, "little") + content, env=environment, capture_output=True, timeout=120
     )
     assert done.returncode == 0, done.stderr
+
+
+def test_where_it_cannot_be_shown_the_session_comes_without(monkeypatch):
+    monkeypatch.setattr(sys, "executable", shutil.which("false") or pytest.skip("no program that fails"))
+    large = np.random.default_rng(0).integers(0, 256, (400, 400, 3), np.uint8)  # more than a pipe holds
+    with in_a_window(large):
+        pass
+
+
+def test_a_picture_of_a_session_needs_none(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_inria_ply("ball.ply", solid_ball(2000))
+    stages = Stages()
+    request = RelightRequest("ball.ply", "noon", meshing=ConvertOptions(up="-y", stand="outside", vertices=500))
+    api._session(request, stages, None)
+    assert "first look" not in stages.seconds and stages.seconds
 
 
 def test_a_session_of_a_splat_begins_with_it(tmp_path, monkeypatch):
