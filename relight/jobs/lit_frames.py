@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from splat2mesh.base.errors import DataWarning
 from splat2mesh.capture import capture_of
 from splat2mesh.pipeline import meshed
+from splat2mesh.splats.frames import ALONE, AT_REST, MOVING, SplatFrame
 from splat2mesh.splats.splats import Splats
 
 from ..engine.appearance import CAPTURE_OF_PLACE, Appearance, Place
@@ -31,7 +32,6 @@ from ..splats.carried import CarriedMesh
 from ..splats.light_ratio import Usual
 from ..transfer.bounces import Interreflection
 from ..transfer.settings import Settings
-from .frames import ALONE, AT_REST, MOVING, SplatFrame
 from .job import Job
 from .writer import Writer
 

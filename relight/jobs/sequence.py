@@ -21,6 +21,7 @@ from splat2mesh.base.progress import Stages
 from splat2mesh.base.strictjson import text_of
 from splat2mesh.scene.sources import fingerprint
 from splat2mesh.splats.formats import can_hold, write_splats
+from splat2mesh.splats.frames import ALONE, MOVING, SplatFrame, frame_splats, frames_in, state_of
 from splat2mesh.splats.splats import Splats
 
 from ..animation.film import FILM, frame_times, joined
@@ -30,7 +31,6 @@ from ..output.images import write_png
 from ..request import AnyLight, RelightRequest
 from ..splats import write_relit_ply
 from .earlier_results import REPORT, Earlier, settings_of
-from .frames import ALONE, MOVING, SplatFrame, frame_splats, frames_in, state_of
 from .job import Job
 from .lit_frames import LitFrames
 from .meshing import SceneAtHand, scene_at_hand

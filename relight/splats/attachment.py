@@ -17,24 +17,10 @@ from splat2mesh.base.threads import in_batches
 from splat2mesh.render.raycaster import RayCaster, corner_weights
 from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.splats import Splats
+from splat2mesh.surface.carried import NEAR, NEAREST, agreement, shortest_axes
 
 from ..transfer.neighbors import ranked_nodes
 from ..transfer.store import Cache, array_key
-
-NEAREST = 6
-"""Nearest vertices to use beside the nearest point of the surface. On a tabletop 1 gains 0.3 dB but follows the noise
-of the mesh, and 32 lose 0.5 to 0.9."""
-
-NEAR = 2e-3
-"""Distance, in diagonals, below which all points weigh the same. Centres of Gaussians scatter about the surface by 0.3
-to 0.7%."""
-
-ROUND = 0.5
-"""Ratio of shortest to middle axis from which a Gaussian has no normal. The flatter, the more its normal counts."""
-
-LEAST_AGREEMENT = 0.02
-"""Weight of a point whose normal is at right angles to that of a flat Gaussian, over one that agrees. Where the nearest
-surface is a neighbour's side, such as the foot of an object on a table, points that agree come first."""
 
 FAR = 0.05
 """Distance, in diagonals, at which half of a Gaussian's light is a mean over the scene. Trained Gaussians of a
@@ -310,18 +296,3 @@ def _squared_distances(points: NDArray[np.float64], centers: NDArray[np.float64]
         apart *= apart
         total += apart
     return total
-
-
-def shortest_axes(splats: Splats) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Shortest axes (N, 3) float32, of either sign, and how flat the Gaussians are, (N,) in [0, 1]."""
-    shortest = splats.scales.argmin(axis=1)
-    axes = np.take_along_axis(splats.rotation_matrices(), shortest[:, None, None], axis=2)[:, :, 0]
-    ranked = np.sort(splats.scales, axis=1)
-    return axes, np.maximum(1.0 - (ranked[:, 0] / np.maximum(ranked[:, 1], 1e-30) / ROUND) ** 2, 0.0)
-
-
-def agreement(axes: Directions, flat: Floats, normals: Directions) -> Floats:
-    """Weights in [LEAST_AGREEMENT, 1] of places with normals (N, k, 3) for Gaussians with these axes (N, 3): (N, k).
-    flat: of the Gaussians, which may change places with the normals."""
-    cosine = np.einsum("nc,nkc->nk", axes, normals)
-    return 1.0 - flat * (1.0 - LEAST_AGREEMENT) * (1.0 - np.minimum(cosine * cosine, 1.0))

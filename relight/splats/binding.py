@@ -16,11 +16,12 @@ from splat2mesh.render.view import View
 from splat2mesh.scene.color import linear_from_srgb
 from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.cleaning import sound
+from splat2mesh.splats.frames import has_moved
 from splat2mesh.splats.splats import INVISIBLE_OPACITY, MIN_SPLATS, Splats
 
 from ..transfer.store import Cache, array_key
 from .attachment import Places, Surface
-from .carried import CarriedMesh, MovedMesh, has_moved
+from .carried import CarriedMesh, MovedMesh
 from .floor_mirror import FloorMirror
 from .light_ratio import CURVE_POWER, LEAST, Usual, log_gain, relit_sh, without_clipping
 from .looks import Looks
@@ -124,16 +125,16 @@ class Binding:
         other = self.recoloured(splats)
         other.surface, other._captured = mesh.surface, captured
         columns, shown = self.places.columns, (self.shown, other.shown)
-        asked = np.flatnonzero(mesh.moved[columns].any(axis=1) | has_moved(other.shown, self.shown))
+        asked = np.flatnonzero(mesh.pose.moved[columns].any(axis=1) | has_moved(other.shown, self.shown))
         lengths = [
             np.linalg.norm(each.means[asked, None] - on.points[columns[asked]], axis=2)
             for each, on in zip(shown, (self.surface, mesh.surface), strict=True)
         ]
-        extents = np.maximum(self.shown.scales[asked].max(axis=1, keepdims=True), mesh.extents[columns[asked]])
+        extents = np.maximum(self.shown.scales[asked].max(axis=1, keepdims=True), mesh.pose.extents[columns[asked]])
         apart = (np.abs(lengths[1] - lengths[0]) > extents) & (self.places.weights[asked] > 0.0)
         other.places = self.places.renewed(asked[apart.any(axis=1)], mesh.surface, other.shown)
         if self._looks is not None:
-            other._looks = self._looks.at_pixels(~mesh.torn(self._looks.corners))
+            other._looks = self._looks.at_pixels(~mesh.pose.torn(self._looks.corners))
         return other
 
     def _restore(self, kept: Mapping[str, NDArray[Any]]) -> "Binding":
@@ -177,7 +178,7 @@ class Binding:
     @property
     def carried(self) -> CarriedMesh:
         """The mesh, as the splats carry it where they move."""
-        return CarriedMesh(self.surface, self.drawn, self.drawn_rows)
+        return CarriedMesh(self.surface, self._splats, self.drawn_rows)
 
     @property
     def drawn_rows(self) -> NDArray[np.int64]:

@@ -94,7 +94,7 @@ def test_what_rests_and_shakes_keeps_every_bit(bound):
     scene, splats, _, binding = bound
     shake = 0.9 / np.sqrt(3.0) * 0.04 * np.random.default_rng(0).uniform(-1, 1, splats.means.shape)
     mesh = binding.carried.at(replace(splats, means=splats.means + shake))
-    assert not mesh.moved.any() and not mesh.torn(binding.surface.faces).any()
+    assert not mesh.pose.moved.any() and not mesh.pose.torn(binding.surface.faces).any()
     np.testing.assert_array_equal(mesh.scene(scene).vertices, scene.vertices)
 
 
@@ -106,8 +106,8 @@ def test_a_bend_is_followed_smoothly():
         return np.stack([at[:, 0], at[:, 1] + 0.3 * at[:, 0] ** 2, at[:, 2]], axis=1)
 
     then = Binding(splats, scene, views=()).carried.at(replace(splats, means=bent(points)))
-    assert not then.torn(then.first.faces).any()
-    rows, found = then.moved[then.first.node], then.scene(scene)
+    assert not then.pose.torn(then.first.faces).any()
+    rows, found = then.pose.moved[then.first.node], then.scene(scene)
     np.testing.assert_allclose(found.vertices[rows], bent(points)[rows], atol=0.01)  # a quarter of a splat
     slope = np.stack([-0.6 * points[:, 0], np.ones(len(points)), np.zeros(len(points))], axis=1)
     slope /= np.linalg.norm(slope, axis=1, keepdims=True)

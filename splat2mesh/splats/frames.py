@@ -9,16 +9,17 @@ from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
-from splat2mesh.base.errors import DataWarning, InputError
-from splat2mesh.splats.cleaning import sound
-from splat2mesh.splats.formats import read_splats
-from splat2mesh.splats.formats.register import BY_KIND
-from splat2mesh.splats.splats import Splats
+import numpy as np
 
-from ..splats.carried import has_moved
+from ..base.arrays import Mask
+from ..base.errors import DataWarning, InputError
+from .cleaning import sound
+from .formats import read_splats
+from .formats.register import BY_KIND
+from .splats import INVISIBLE_OPACITY, Splats
 
 AT_REST, MOVING, ALONE = "at rest", "moving", "alone"
-"""How a frame is lit: as the first, on its mesh as the splats carry it, on a mesh of its own."""
+"""What mesh a frame has: that of the first, the same as the splats carry it, one of its own."""
 
 _NUMBER = re.compile(r"(.*?)(\d+)", re.DOTALL)
 _SUFFIXES = {suffix: kind for kind, each in BY_KIND.items() for suffix in each.suffixes if each.read is not None}
@@ -88,12 +89,17 @@ def _check_one_each(folder: str | os.PathLike[str], frames: list[SplatFrame]) ->
 
 def _warn_of_gaps(folder: str | os.PathLike[str], numbers: list[int]) -> None:
     """Warn of numbers that are missing, where the others are so many apart."""
-    step = math.gcd(*(second - first for first, second in pairwise(numbers)))
+    step = step_of(numbers)
     gaps = [(first + step, second - step) for first, second in pairwise(numbers) if second - first > step]
     if gaps:
         words = ", ".join(str(low) if low == high else f"{low} to {high}" for low, high in gaps[:8])
         more = f" and {len(gaps) - 8} more gaps" if len(gaps) > 8 else ""
-        warnings.warn(f"{folder}: frames are missing: {words}{more}; the others are lit", DataWarning, stacklevel=3)
+        warnings.warn(f"{folder}: frames are missing: {words}{more}; the others are kept", DataWarning, stacklevel=3)
+
+
+def step_of(numbers: list[int]) -> int:
+    """How far apart the numbers of frames are: 1 for a single one."""
+    return math.gcd(*(second - first for first, second in pairwise(numbers))) or 1
 
 
 def frame_splats(frame: SplatFrame) -> Splats | None:
@@ -103,6 +109,13 @@ def frame_splats(frame: SplatFrame) -> Splats | None:
     except InputError as error:
         warnings.warn(f"frame {frame.number} is left out: {error}", DataWarning, stacklevel=2)
         return None
+
+
+def has_moved(splats: Splats, first: Splats) -> Mask:
+    """(N,) bool: which of Splats are seen and have moved, row by row, by more than their standard deviation along their
+    longest axis."""
+    far = ((splats.means.astype(float) - first.means) ** 2).sum(axis=1)
+    return np.asarray((far > first.scales.max(axis=1).astype(float) ** 2) & (first.opacities >= INVISIBLE_OPACITY))
 
 
 def state_of(splats: Splats, first: Splats) -> str:

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from splat_samples import make_splats
 
-from relight.jobs.frames import ALONE, AT_REST, MOVING, frame_splats, frames_in, state_of
 from splat2mesh.base.errors import DataWarning, InputError
+from splat2mesh.splats.frames import ALONE, AT_REST, MOVING, frame_splats, frames_in, state_of
 
 
 def folder_of(tmp_path, *names):
