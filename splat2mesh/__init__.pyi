@@ -1,6 +1,7 @@
 from .api import MeshedFiles as MeshedFiles
 from .api import convert as convert
 from .api import mesh_files as mesh_files
+from .api import mesh_sequence as mesh_sequence
 from .api import plan_mesh as plan_mesh
 from .base.errors import DataWarning as DataWarning
 from .base.errors import InputError as InputError

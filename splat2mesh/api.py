@@ -1,5 +1,6 @@
 """The library in one line: a splat, a layout or a city in, a scene out. One call does what one command does."""
 
+import math
 import os
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,19 +13,21 @@ from .base.progress import Stages
 from .layout import converted_layout, is_layout, planned_layout
 from .options import ConvertOptions, TilingOptions
 from .pipeline import converted, planned
-from .scene.folder import META
+from .scene.folder import META, write_folder
 from .scene.scene import Scene
+from .sequence import FrameMeshes
 from .splats.formats.parts import METAS
 
 
 @dataclass(frozen=True, eq=False)
 class MeshedFiles:
     """The results of `mesh_files`. output : folder or URL. scene : Scene, None for a city in tiles. report : JSON-clean
-    dict of counts, seconds and memory."""
+    dict of counts, seconds and memory. notes : lines of a summary on the frames of a sequence."""
 
     output: str
     scene: Scene | None
     report: dict[str, Any]
+    notes: tuple[str, ...] = ()
 
 
 def convert(
@@ -127,9 +130,59 @@ def mesh_files(
     scene = convert(path, asked, stages=stages)
     with stages.stage("write"):
         scene.save(target, overwrite=overwrite)
+    return MeshedFiles(target, scene, _report(scene, target, stages))
+
+
+def mesh_sequence(
+    folder: str | os.PathLike[str],
+    output: str | os.PathLike[str] | None = None,
+    options: ConvertOptions | None = None,
+    *,
+    fps: float = 24.0,
+    overwrite: bool = False,
+    stages: Stages | None = None,
+) -> MeshedFiles:
+    """Make the scene of the first of numbered splats, and a mesh of the same vertices and faces for each of them.
+
+    Parameters
+    ----------
+    folder : path
+        Numbered splat files of one format.
+    output : path, optional
+        Scene folder, which also holds `frames/NAME.glb` and `sequence.glb`. Default: `default_folder(folder)`.
+    options : ConvertOptions, optional
+        Settings.
+    fps : float
+        Frames a second of `sequence.glb`.
+    overwrite : bool
+        Replace a scene folder that exists.
+    stages : Stages, optional
+        Times the work.
+
+    Raises
+    ------
+    InputError
+        For a folder that is no sequence, before anything is written.
+
+    Warns
+    -----
+    DataWarning
+        Of frames that are missing or cannot be read.
+    """
+    if not (math.isfinite(fps) and fps > 0.0):
+        raise InputError(f"`fps` {fps:g}: frames a second must be above 0")
+    target, stages = str(output or default_folder(folder)), stages or Stages()
+    check_output(target, overwrite, META)
+    frames = FrameMeshes(folder, ConvertOptions.of(options), stages)
+    write_folder(frames.scene, target, overwrite, lambda staged: frames.write(staged, fps))
+    frames.scene.path = Path(target)
+    report = _report(frames.scene, target, stages) | frames.report()
+    return MeshedFiles(target, frames.scene, report, tuple(frames.lines(Path(target))))
+
+
+def _report(scene: Scene, target: str, stages: Stages) -> dict[str, Any]:
     drawn = len(scene.chunks) - len(scene.hull) + len(scene.cards)
-    report = {"scene": target, "chunks": drawn, **scene.statistics, "seconds": stages.seconds}
-    return MeshedFiles(target, scene, report)
+    return {"scene": target, "chunks": drawn, **scene.statistics, "seconds": stages.seconds}
 
 
 def default_folder(path: str | os.PathLike[str]) -> str:

@@ -29,12 +29,16 @@ EXAMPLES = """examples:
   splat2mesh robot/meta.json --plan            shows the plan, does nothing
   splat2mesh garden.spz --info                 what the file is and says, and what would be dropped
   splat2mesh room.json                         several splats in one scene, placed by a layout
+  splat2mesh frames/ --sequence                numbered splats that move: a mesh for each, and one that plays
   splat2mesh city/ -o meshed --memory 4        a capture larger than memory, in tiles; --workers 8 shares the work
 
 then: relight garden --env stpeters.exr --rotate 45"""
 
 DEFAULT_TEXTURE = "auto"
 """Default texture of the command, for people who look at its output; the library makes one only on request."""
+
+FPS = 24.0
+"""Default frames per second of a sequence."""
 
 KERNELS = Path(__file__).with_name(LIST)
 """Kernels that the command compiles on its first run."""
@@ -73,6 +77,10 @@ def parser() -> argparse.ArgumentParser:
     )
     add_meshing(add, DEFAULT_TEXTURE)
     add("--seed", type=int, metavar="N", help=f"seed of the virtual views (default: {ConvertOptions.seed})")
+    sequence = "INPUT is a folder of numbered splats, the frames of a sequence: also write frames/NAME.glb and "
+    sequence += "sequence.glb, which plays them"
+    add("--sequence", action="store_true", help=sequence)
+    add("--fps", type=float, metavar="N", help=f"frames per second of sequence.glb (default: {FPS:g})")
     add_tiling(parser)
     add("--overwrite", action="store_true", help="replace an existing scene folder")
     add("--plan", action="store_true", help="print what the command would do, and do nothing")
@@ -178,6 +186,8 @@ def _command(words: argparse.Namespace, display: Display, alone: bool) -> tuple[
     if not os.path.exists(words.input) and "://" not in words.input:
         raise InputError(f"{words.input}: no such file")
     options, tiling = convert_options(words), tiling_options(words)
+    if hasattr(words, "sequence") and (tiling is not None or hasattr(words, "plan")):
+        raise InputError(f"--{'plan' if tiling is None else 'tiles'}: not supported for a sequence; leave it out")
     if hasattr(words, "info"):
         from .info import info_of, lines_of
 
@@ -193,7 +203,7 @@ def _meshed(
     from .base.kernels import without_blas, without_c_functions
 
     without_blas()
-    from .api import mesh_files, plan_mesh
+    from .api import mesh_files, mesh_sequence, plan_mesh
 
     if not hasattr(words, "texture") and tiling is None and not is_url(words.input):
         options = ConvertOptions.of(options, texture=DEFAULT_TEXTURE)
@@ -204,14 +214,11 @@ def _meshed(
             return _plan_lines(found), found
         compile_without_collector()
         without_c_functions()
-        meshed = mesh_files(
-            words.input,
-            getattr(words, "output", None),
-            options,
-            tiling=tiling,
-            overwrite=hasattr(words, "overwrite"),
-            stages=stages,
-        )
+        where, overwrite = (words.input, getattr(words, "output", None), options), hasattr(words, "overwrite")
+        if hasattr(words, "sequence"):
+            meshed = mesh_sequence(*where, overwrite=overwrite, stages=stages, fps=getattr(words, "fps", FPS))
+        else:
+            meshed = mesh_files(*where, overwrite=overwrite, stages=stages, tiling=tiling)
     finally:
         stages.close()
     seconds = time.perf_counter() - start
@@ -222,7 +229,7 @@ def _meshed(
 
         output = Path(meshed.output)
         lines = summary_of(meshed.scene, output, seconds) + extras_of(meshed.scene, output)
-        lines += [f"  next: relight {output} --env sunset"]
+        lines += [*meshed.notes, f"  next: relight {output} --env sunset"]
         result = {**meshed.report, "peak_mb": peak_mb()}
     if display.verbose:
         lines += [f"  {label:<16}{value:7.2f} s" for label, value in stages.seconds.items()]

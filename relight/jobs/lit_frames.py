@@ -7,7 +7,6 @@ not reach changes as in the first frame, to the bit.
 """
 
 import math
-import warnings
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import cached_property
@@ -16,9 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from splat2mesh.base.errors import DataWarning
-from splat2mesh.capture import capture_of
-from splat2mesh.pipeline import meshed
+from splat2mesh.sequence import meshed_like
 from splat2mesh.splats.frames import ALONE, AT_REST, MOVING, SplatFrame
 from splat2mesh.splats.splats import Splats
 
@@ -134,11 +131,7 @@ class LitFrames:
     def _alone(self, frame: SplatFrame, splats: Splats) -> Iterator[Splats]:
         """On a mesh of its own, that has the axes of the first."""
         asked, stages, look = self._request, self._job.stages, self._job.known.appearance
-        capture = capture_of(frame.path, asked.meshing, stages)
-        capture = replace(capture, rotation=np.asarray(self._job.known.scene.scene_from_splat, np.float64))
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", DataWarning)  # the first frame has warned of the same
-            scene = meshed(frame.path, capture, asked.meshing, stages)
+        scene = meshed_like(self._job.known.scene, frame.path, asked.meshing, stages)
         separable = bool((look.capture or {}).get("separable"))
         known = _exposed(look.environment) if separable and look.environment is not None else None
         own = replace(

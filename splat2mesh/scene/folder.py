@@ -8,6 +8,7 @@ preview.png         the splat and the mesh side by side
 proxy.glb           collision mesh, on request (see `splat2mesh.proxy`)
 mesh.glb            the textured scene, on request (see `splat2mesh.texture`)
 measured.npz        the captured sky, and which parts are a volume rather than a surface (see `measured`)
+frames/NAME.glb     the mesh at each frame of a sequence, and sequence.glb, which plays them (see `splat2mesh.sequence`)
 """
 
 import hashlib
@@ -93,9 +94,15 @@ def read_folder(path: Path) -> tuple[list[Mesh], list[Mesh], dict[str, Any]]:
     return chunks, kinds["background"], fields
 
 
-def write_folder(scene: Any, path: str | os.PathLike[str], overwrite: bool = False) -> None:
+def write_folder(
+    scene: Any,
+    path: str | os.PathLike[str],
+    overwrite: bool = False,
+    add: Callable[[Path], object] = lambda folder: None,
+) -> None:
     """Write a scene folder; it appears complete or not at all. overwrite: whether a scene folder that is there may be
-    replaced. Raises InputError when `path` exists, unless it is a scene folder and may be overwritten."""
+    replaced. add: writes further files into it. Raises InputError when `path` exists, unless it is a scene folder and
+    may be overwritten."""
     check_output(path, overwrite, META)
     with staged_folder(path, overwrite, META) as folder:
         entries, hull = _write_chunks(folder, scene)
@@ -125,6 +132,7 @@ def write_folder(scene: Any, path: str | os.PathLike[str], overwrite: bool = Fal
         meta = json.loads(text_of(meta))  # as a reader finds it
         meta["sha256"] = _sum(meta)
         (folder / META).write_text(text_of(meta, indent=1) + "\n", encoding="utf-8")
+        add(folder)
 
 
 def _write_chunks(folder: Path, scene: Any) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:

@@ -24,7 +24,7 @@ class Glb:
         self.document = gltf.GLTF2(asset=gltf.Asset(version="2.0", generator=f"{generator} {VERSION}"), **document)
         self._blob = bytearray()
 
-    def values(self, array: NDArray, target: int = gltf.ARRAY_BUFFER, **more: Any) -> int:
+    def values(self, array: NDArray, target: int | None = gltf.ARRAY_BUFFER, **more: Any) -> int:
         """Append an array. array: (N,), (N, 2), (N, 3) or (N, 4). pygltflib aligns arrays to 4 bytes on saving. target:
         of the buffer view. **more: fields of `pygltflib.Accessor`. Returns the index of its accessor."""
         array = np.ascontiguousarray(array)
@@ -40,6 +40,13 @@ class Glb:
         """Append points with the bounds that glTF asks for. points: (N, 3). Returns the index of its accessor."""
         points = np.asarray(points, np.float32)
         return self.values(points, min=points.min(axis=0).tolist(), max=points.max(axis=0).tolist())
+
+    def colors(self, linear: NDArray) -> int:
+        """Append opaque colours in 16 bits. linear: (N, 3), cut to [0, 1]. Returns the index of their accessor."""
+        most = np.iinfo(np.uint16).max
+        colors = np.full((len(linear), 4), most, np.uint16)
+        colors[:, :3] = np.round(most * np.clip(linear, 0, 1))
+        return self.values(colors, normalized=True)
 
     def indices(self, faces: NDArray, vertex_count: int) -> int:
         """Append faces, in 16 bits where those suffice. faces: (F, 3) integers. Returns the index of its accessor."""

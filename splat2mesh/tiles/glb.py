@@ -16,14 +16,11 @@ def glb_bytes(
     far from the origin of a city float32 alone would be coarse."""
     middle = np.round((points.min(axis=0) + points.max(axis=0)).astype(np.float64) / 2)
     safe = np.where((np.abs(normals) > 0).any(axis=1, keepdims=True), normals, [0.0, 1.0, 0.0])
-    white = np.iinfo(np.uint16).max
-    color = np.full((len(points), 4), white, np.uint16)
-    color[:, :3] = np.round(white * np.clip(color_linear, 0, 1))
     file = Glb(extensionsUsed=[UNLIT], materials=[matt("tile")])
     attributes = {
         "POSITION": file.positions(points.astype(np.float64) - middle),
         "NORMAL": file.values((safe / np.linalg.norm(safe, axis=1, keepdims=True)).astype(np.float32)),
-        "COLOR_0": file.values(color, normalized=True),
+        "COLOR_0": file.colors(color_linear),
     }
     file.mesh("tile", attributes, indices=file.triangles(faces), material=0)
     file.document.nodes[0].translation = middle.tolist()
