@@ -75,8 +75,8 @@ def test_no_arrow_runs_back(package, forbidden):
 
 
 ORDER = {
-    "splat2mesh": "base options splats scene render views surface texture tiles proxy capture pipeline sequence layout summary "
-    "info api cli",
+    "splat2mesh": "base options splats scene render views surface texture tiles proxy capture pipeline sequence layout "
+    "summary info api cli",
     "relight": "sh light transfer lamps options planning albedo rooms engine splats quick gloss insert live texture "
     "output animation request tiles viewer jobs api arguments cli",
 }
