@@ -254,6 +254,8 @@ def parser() -> argparse.ArgumentParser:
         metavar="SPEC|FILE",
         help="new light on all but this part, as --only names it; repeatable",
     )
+    shadow = "with --only or --keep: what takes the new light also casts its shadow on the rest"
+    add("--shadow-of-parts", action="store_true", help=shadow)
     lights = "more lights for --format live and web, beside that of --env and the built-in ones"
     add("--lights", nargs="+", metavar="FILE|NAME", help=lights)
     quick = "stop at the first look at a splat: preview.png and relit_splat.ply in seconds, without a mesh"

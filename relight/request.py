@@ -106,7 +106,8 @@ class RelightRequest:
     sky : {"new", "keep", "drop"}
         Far background of a relit splat.
     only, keep : sequence of str, path or array
-        Parts that alone take the new light, or alone keep the captured one, as of `splats.part_spec`.
+        Parts that alone take the new light, or alone keep the captured one, as of `splats.part_spec`. shadow_of_parts :
+        what takes the new light also casts its shadow on the rest, and its captured shadow is taken away.
     lights : sequence
         More lights for the page and the bundle.
     probe_at : sequence of (3,)
@@ -169,6 +170,7 @@ class RelightRequest:
     sky: str = "new"
     only: Sequence[Any] = ()
     keep: Sequence[Any] = ()
+    shadow_of_parts: bool = False
     lights: Sequence[AnyLight] = ()
     probe_at: Sequence[Any] = ()
     probes: str = ""

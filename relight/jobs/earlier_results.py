@@ -74,6 +74,7 @@ def settings_of(request: "RelightRequest", env: "AnyLight", angle_deg: float) ->
         "sky": request.sky,
         "only": [_described_part(each) for each in request.only],
         "keep": [_described_part(each) for each in request.keep],
+        "shadow_of_parts": request.shadow_of_parts,
     }
     lighting = request.lighting
     found.update({each.name: getattr(lighting, each.name) for each in fields(lighting)})

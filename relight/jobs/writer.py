@@ -36,6 +36,7 @@ from ..output.subject import AskedFiles, WrittenScene
 from ..request import AnyLight
 from .earlier_results import REPORT, Earlier, check_results, is_results, settings_of
 from .job import Job
+from .part_shadow import PartShadow
 
 
 class Writer:
@@ -201,6 +202,7 @@ class Writer:
             light_parts=job.light_parts,
             pass_views=lambda: known.pass_views,
             part=known.part,
+            part_shadow=PartShadow(job).ratio if asked.shadow_of_parts else None,
         )
         return Results(written)
 

@@ -61,6 +61,8 @@ def check_parts(request: Any) -> None:
     """Raise InputError where a request has a part, in `only` or `keep`, and something that is of the whole scene."""
     name = "keep" if request.keep else "only"
     if not (request.only or request.keep):
+        if request.shadow_of_parts:
+            raise InputError("`shadow_of_parts`: it is of a part; give `only` or `keep`")
         return
     whole = [f"`{each}`" for each in ("inserted", "animated", "live_mesh") if getattr(request, each)]
     whole += [f"`formats` {word}" for word in request.formats or () if word in OUTPUTS and not OUTPUTS[word].of_parts]

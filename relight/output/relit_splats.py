@@ -117,6 +117,8 @@ class RelitSource:
         found, source, part = self._in_new_light(shaded, usual), self._written.source, self._written.part
         if part is None or part.splats is None or source is None:
             return found
+        if self._written.part_shadow is not None:
+            source = self._written.binding().shaded(source, self._written.part_shadow(shaded))
         return blended_splats(source, found, part.splats)
 
     def _in_new_light(self, shaded: "Shaded", usual: Usual | None = None) -> Splats:

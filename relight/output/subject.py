@@ -62,7 +62,8 @@ class WrittenScene:
     it is needed without. light_around: returns the LightAround of one of the lights. light_parts: of one of them, what
     vertices send out by the way that its light came: those but `kinds.SUN`, which is a part of another, are all of it.
     pass_views: returns the cameras of passes, frame of the scene; None is that of the preview. part: what takes the new
-    light; None for all.
+    light; None for all. part_shadow: of one of the lights, by what it changes the light of the rest, (V, 3); None where
+    the rest stays.
     """
 
     relighter: "Relighter"
@@ -80,6 +81,7 @@ class WrittenScene:
     light_parts: "Callable[[Shaded], LightParts] | None" = None
     pass_views: Callable[[], Sequence[View] | None] = lambda: None
     part: PartShares | None = None
+    part_shadow: "Callable[[Shaded], NDArray[np.float32]] | None" = None
 
     def shown(self, shaded: "Shaded") -> "Shaded":
         """The light as the mesh shows it: new in the part that takes it, captured in the rest."""
@@ -89,7 +91,8 @@ class WrittenScene:
         received = shading.received
         if received is None:
             received = look.received(shading.radiance, shaded.exposure)
-        captured, before = (each / shaded.exposure for each in (look.captured, look.irradiance))
+        shade = np.float32(1.0) if self.part_shadow is None else self.part_shadow(shaded)
+        captured, before = (each * shade / shaded.exposure for each in (look.captured, look.irradiance))
         radiance, received = blended(captured, shading.radiance, shares), blended(before, received, shares)
         return shaded._replace(shading=shading._replace(radiance=radiance, received=received))
 

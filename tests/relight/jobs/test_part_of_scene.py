@@ -1,6 +1,7 @@
 """New light on a part of a scene: what its files hold, and what is refused before any is written."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,7 +9,11 @@ from ball_splats import solid_ball
 
 from relight import relight_scene
 from relight.cli import main
+from relight.light.environment import Environment
 from relight.splats import write_relit_ply
+from scenes import bake, build, exposure
+from scenes.sequence import COLUMN
+from splat2mesh.scene.color import srgb_from_linear
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.formats import read_splats, write_inria_ply, write_splats
@@ -148,3 +153,43 @@ def test_a_part_that_is_not_there_is_refused_in_one_line_before_anything_is_writ
     said = capsys.readouterr().err
     assert message in said and said.count("\n") == 1
     assert {entry.name for entry in tmp_path.iterdir()} == {"ball.ply", "away.ply", "rows.txt"}
+
+
+def test_a_part_casts_its_new_shadow_on_the_rest_and_takes_its_captured_one_away():
+    truth = build("tabletop", 0, 3000)
+    of_part, lights = truth.part == COLUMN, [Environment.load(name) for name in ("noon", "sunset")]
+    alone = replace(truth, faces=truth.faces[~of_part[truth.faces].any(axis=1)])
+    captured, new = (bake(truth, light) for light in lights)
+    changed = new / np.maximum(bake(alone, lights[1]), 1e-6) * bake(alone, lights[0]) / np.maximum(captured, 1e-6)
+    shown = np.clip(exposure(captured) * captured, 0, 1)
+    colors = np.round(255 * srgb_from_linear(shown)).astype(np.uint8)
+    scene = Scene([Mesh(truth.vertices, truth.normals, truth.faces, colors)])
+    low, high = truth.vertices[of_part].min(axis=0), truth.vertices[of_part].max(axis=0)
+    numbers = [",".join(map(str, each)) for each in ((low + high) / 2, 1.001 * (high - low))]
+    asked = {"albedo": "estimated", "capture_env": lights[0], "caching": "none", "bands": 6, "rays": 128}
+    asked["only"] = f"box:at={numbers[0]},size={numbers[1]}"
+    plain, shadowed = (relight_scene(scene, lights[1], shadow_of_parts=each, **asked) for each in (False, True))
+    rim = of_part | (np.abs(truth.vertices - (low + high) / 2) < 0.75 * (high - low)).all(axis=1)
+    np.testing.assert_array_equal(shadowed.radiance[of_part], plain.radiance[of_part])
+    below = ~rim & (truth.normals[:, 1] < -0.9) & (truth.vertices[:, 1] < 0.0)
+    assert below.sum() > 50  # of the table, from where no ray meets the column
+    np.testing.assert_array_equal(shadowed.radiance[below], plain.radiance[below])
+    seen = ~rim & (shown > 0.02).all(axis=1)
+    found = np.log(shadowed.radiance[seen] / plain.radiance[seen])
+    wanted = np.log(np.maximum(changed[seen], 0.05))
+    passed = np.abs(wanted).max(axis=1) > 0.1  # by a shadow; on so coarse a mesh its edge is a vertex wide
+    assert passed.sum() > 50 and np.abs(wanted[passed]).mean() > 0.3
+    assert np.abs(found[passed] - wanted[passed]).mean() < 0.4 * np.abs(wanted[passed]).mean()
+    assert np.abs(found[~passed]).mean() < 0.02
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ([], "--shadow-of-parts: it is of a part; give --only or --keep"),
+        (["--only", PART], "--shadow-of-parts: rays cast it, and the method is analytic"),
+    ],
+)
+def test_a_shadow_needs_a_part_and_rays(here, capsys, words, message):
+    assert main(["ball", *LIGHT, *words, "--shadow-of-parts", "--format", "splat", "-o", "refused"]) == 2
+    assert message in capsys.readouterr().err and not (here / "refused").exists()
