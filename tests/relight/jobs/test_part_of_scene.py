@@ -1,7 +1,10 @@
 """New light on a part of a scene: what its files hold, and what is refused before any is written."""
 
 import json
+import re
+import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -73,6 +76,20 @@ def test_what_is_kept_keeps_every_bit_and_the_rest_is_relit(here):
     relit = (after == whole).all(axis=1)
     rim = json.loads((here / "rest" / "report.json").read_text())["part"]["splats"]["rim"]
     assert (~relit & ~inside).sum() == rim
+
+
+def test_parts_in_lights_of_their_own_are_joined_as_the_page_says(here, tmp_path, monkeypatch):
+    for name, path in (("first", "part"), ("second", "rest")):
+        shutil.copytree(here / path, tmp_path / name)
+    shutil.copy(here / "ball.ply", tmp_path / "garden.ply")
+    monkeypatch.chdir(tmp_path)
+    page = (Path(__file__).parents[3] / "docs/relit.md").read_text("utf-8")
+    exec(re.findall(r"^```python\n(.*?)^```", page, re.MULTILINE | re.DOTALL)[-1], {})
+    inside = np.abs(read_splats("garden.ply").means[:, 1] + 1) <= 0.75
+    names = "both.ply", "first/relit_splat.ply", "second/relit_splat.ply"
+    both, part, rest = (rows_of(tmp_path / name) for name in names)
+    np.testing.assert_array_equal(both[inside], part[inside])
+    np.testing.assert_array_equal(both[~inside], rest[~inside])
 
 
 def test_vertices_show_the_part_too(here):
