@@ -188,6 +188,8 @@ def _command(words: argparse.Namespace, display: Display, alone: bool) -> tuple[
     options, tiling = convert_options(words), tiling_options(words)
     if hasattr(words, "sequence") and (tiling is not None or hasattr(words, "plan")):
         raise InputError(f"--{'plan' if tiling is None else 'tiles'}: not supported for a sequence; leave it out")
+    if hasattr(words, "fps") and not hasattr(words, "sequence"):
+        raise InputError("--fps: it belongs to --sequence; give that too")
     if hasattr(words, "info"):
         from .info import info_of, lines_of
 

@@ -115,14 +115,20 @@ def test_frames_with_splats_of_their_own_are_meshed_alone(tmp_path, monkeypatch,
     (tmp_path / "frames").mkdir()
     for number in (1, 2, 3):
         write_splats(tmp_path / "frames" / f"{number}.spz", solid_ball().take(slice(number > 2, None)), "spz")
-    (tmp_path / "frames" / "2.spz").write_bytes(b"")
+    for number in (0, 2):
+        (tmp_path / "frames" / f"{number}.spz").write_bytes(b"")
     assert main(["frames", *WORDS, "--json"]) == 0
     said = capsys.readouterr()
     report = json.loads(said.out)
     assert report["frames"] == {"1.spz": "at rest", "3.spz": "alone"} and not report["played"]
-    assert said.err.count("frame 2 is left out") == 1
+    assert said.err.count("frame 0 is left out") == said.err.count("frame 2 is left out") == 1
     assert {path.name for path in (tmp_path / "frames_scene" / "frames").iterdir()} == {"1.glb", "3.glb"}
     assert not (tmp_path / "frames_scene" / "sequence.glb").exists()
+
+
+def test_frames_per_second_are_of_a_sequence(tmp_path, capsys):
+    assert main([str(tmp_path), "--fps", "12"]) == 2
+    assert "--fps: it belongs to --sequence" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
