@@ -2,8 +2,8 @@
 
 log C = log a + log S: captured colour, albedo, and what a surface receives from the light and from other surfaces,
 which were seen to send out C. Every cue is a negative log likelihood of S or of the light itself; weights and noise
-are those of `fitted.Fitted`. A slope below 1 of log C over log S is a nuisance parameter of the first three: noise of
-the mesh in S attenuates it.
+are those of `fitted.Fitted`. A slope below 1 of log C over log S is a nuisance parameter of pairs: noise of the mesh
+in S attenuates it.
 """
 
 from typing import NamedTuple
@@ -18,10 +18,12 @@ from splat2mesh.scene.color import luminance
 
 from .fitted import Fitted
 from .natural import AXES
-from .paints import paints_of
 
 PARALLEL = 0.97
 """Cosine between normals, 14 degrees, from which on neighbours differ in shadow and not in slope."""
+
+DISTANT, DRAWN = 20_000, 400_000
+"""Pairs of distant places that are compared, and drawn at random to find so many with one normal."""
 
 SLOPES = np.linspace(0.0, 1.0, 11)
 """Slopes that are tried."""
@@ -108,13 +110,15 @@ class Evidence:
         light = (fitted.light_warmth, fitted.light_warmth_spread), (fitted.light_green, fitted.light_green_spread)
         self._light_hue, self._light_spread = np.array(light).T
         self._mean_sky = places.sky.mean(axis=0).astype(np.float64)
-        self.paints = paints_of(self.log_captured, places.normals)
-        first, second = places.pairs.T
-        cosine = np.einsum("ij,ij->i", places.normals[first], places.normals[second])
+        cosine = _cosines(places.normals, places.pairs)
         level, slanted = cosine > PARALLEL, (cosine <= PARALLEL) & (cosine > 0.0)
+        near, noise = (places.pairs, places.weights), fitted.difference
+        distant = distant_pairs(places.normals)
+        alike = distant, np.ones(len(distant)), fitted.distant_difference
         self._pairs = {
-            "parallel pairs": _Pairs(places, level, fitted.parallel, fitted.parallel_slope),
-            "slanted pairs": _Pairs(places, slanted, fitted.slanted, fitted.slanted_slope),
+            "parallel pairs": _Pairs(*(part[level] for part in near), noise, fitted.parallel, fitted.parallel_slope),
+            "slanted pairs": _Pairs(*(part[slanted] for part in near), noise, fitted.slanted, fitted.slanted_slope),
+            "distant pairs": _Pairs(*alike, fitted.distant, fitted.distant_slope),
         }
 
     def direct(self, log_light: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -137,8 +141,7 @@ class Evidence:
     def cues(self, log_light: NDArray[np.float64], basis: Floats | None = None) -> dict[str, Cue]:
         """Every Cue of log radiance (K, 3), with derivatives where a basis (K, M) of it is given."""
         received = self.received(log_light, basis)
-        found = {name: pairs.cue(self.log_captured, received, self.fitted) for name, pairs in self._pairs.items()}
-        found["contrast"] = self._contrast(received)
+        found = {name: pairs.cue(self.log_captured, received) for name, pairs in self._pairs.items()}
         found |= self._albedo(received)
         found["light"] = self._illuminant(log_light, basis)
         if self.sky is not None:
@@ -146,18 +149,16 @@ class Evidence:
         return found
 
     def shading(self, light: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(L,) nats of pairs and contrast under lights (N, L), luminance that places receive."""
+        """(L,) nats of pairs under lights (N, L), luminance that places receive."""
         logs = np.log(np.maximum(light, LEAST))
-        nats = sum(pairs.shading(self.log_luminance, logs, self.fitted) for pairs in self._pairs.values())
-        explained = self.paints.explained(logs)
-        return np.asarray(nats + 0.5 * self.fitted.contrast * np.log1p(-np.minimum(explained, 0.999)))
+        return np.asarray(sum(pairs.shading(self.log_luminance, logs) for pairs in self._pairs.values()))
 
     def lacking(self, log_light: NDArray[np.float64]) -> float:
         """Log factor on log radiance (K, 3) under which it is as bright as albedo and sky say.
 
         The median albedo is the usual one; the part of the sky that was seen unclipped is as bright as it looked. Each
-        errs with the part of the light that it does not know. Pairs and contrast have no say: in noisy meshes bounced
-        light explains too much of them.
+        errs with the part of the light that it does not know. Pairs have no say: in noisy meshes bounced light explains
+        too much of them.
         """
         direct, bounced = (luminance(part) for part in (self.direct(log_light), self.places.bounced))
 
@@ -175,21 +176,6 @@ class Evidence:
             return float(usual)
         weight = known**2 / (known**2 + (1.0 - min(known, 1.0)) ** 2)
         return float((1.0 - weight) * usual + weight * np.log(float((self.sky.seen * looked).sum()) / seen))
-
-    def _contrast(self, received: ReceivedLight) -> Cue:
-        """Log luminance against the light's within materials: the part of the variance that no light explains."""
-        within, weight = self.paints, self.fitted.contrast
-        light = within.off(np.log(luminance(received.total)))
-        across, own = float(within.weight @ (within.colors * light)), float(within.weight @ light**2)
-        slope = max(across / max(own, 1e-12), 0.0)
-        rest = max(within.own - 2.0 * slope * across + slope**2 * own, 1e-12)
-        nats = 0.5 * weight * float(np.log(rest / max(within.own, 1e-12)))
-        if received.slopes is None or slope == 0.0:
-            return Cue(nats)
-        change = within.off(received.of_luminance())
-        pull = within.weight * (slope * light - within.colors)
-        curve = (change.T * within.weight) @ change
-        return Cue(nats, weight * slope / rest * (pull @ change), weight * slope**2 / rest * curve)
 
     def _albedo(self, received: ReceivedLight) -> dict[str, Cue]:
         """How usual the albedo is: its median luminance, and the hue of its mean, weighted by the light."""
@@ -250,52 +236,72 @@ def _radiance(logs: NDArray[np.float64]) -> NDArray[np.float32]:
     return np.exp(np.clip(logs, -30.0, 30.0)).astype(np.float32)
 
 
+def distant_pairs(normals: Floats, seed: int = 0) -> NDArray[np.int64]:
+    """At most DISTANT pairs (P, 2) of places anywhere whose normals (N, 3) agree."""
+    pairs = np.random.default_rng(seed).integers(len(normals), size=(DRAWN, 2))
+    return pairs[(_cosines(normals, pairs) > PARALLEL) & (pairs[:, 0] != pairs[:, 1])][:DISTANT]
+
+
+def _cosines(normals: Floats, pairs: NDArray[np.int64]) -> Floats:
+    return np.einsum("ij,ij->i", normals[pairs[:, 0]], normals[pairs[:, 1]])
+
+
 class _Pairs:
-    """Neighbours that mostly share a material: differences of log albedo under Geman and McClure's function."""
+    """Places that may share a material: differences of log albedo under Geman and McClure's function.
 
-    def __init__(self, places: LitPlaces, chosen: NDArray[np.bool_], weight: float, of_slope: float) -> None:
-        self._first, self._second = places.pairs[chosen].T
-        weights = places.weights[chosen]
+    pairs: (P, 2). weights: (P,). difference: of log albedo (RGB), beyond which two places are of two materials. weight:
+    nats of all pairs. of_slope: nats against a slope other than 1.
+    """
+
+    def __init__(
+        self,
+        pairs: NDArray[np.int64],
+        weights: NDArray[np.float64],
+        difference: float,
+        weight: float,
+        of_slope: float,
+    ) -> None:
+        self._first, self._second = pairs.T
         self._weights = weights / max(float(weights.sum()), 1e-12)
-        self._count, self._weight, self._of_slope = len(places.captured), weight, of_slope
+        self._noise, self._weight, self._of_slope = difference, weight, of_slope
 
-    def cue(self, log_captured: NDArray[np.float64], received: ReceivedLight, fitted: Fitted) -> Cue:
+    def cue(self, log_captured: NDArray[np.float64], received: ReceivedLight) -> Cue:
         """The Cue of log colours (N, 3)."""
         seen, light = self._differences(log_captured), self._differences(np.log(received.total))
         square, across, own = (np.einsum("pc,pc->p", a, b) for a, b in ((seen, seen), (seen, light), (light, light)))
-        nats, slope = self._best([square - 2.0 * s * across + s * s * own for s in SLOPES], fitted)
+        nats, slope = self._best([square - 2.0 * s * across + s * s * own for s in SLOPES])
         if received.slopes is None or slope == 0.0:
             return Cue(nats)
-        rest = seen - slope * light
-        near = 1.0 + np.einsum("pc,pc->p", rest, rest) / fitted.difference**2
-        robust = self._weight * self._weights / near**2 / fitted.difference**2
-        graph = scipy.sparse.coo_array((robust, (self._first, self._second)), (self._count, self._count)).tocsr()
+        count, rest = len(log_captured), seen - slope * light
+        near = 1.0 + np.einsum("pc,pc->p", rest, rest) / self._noise**2
+        robust = self._weight * self._weights / near**2 / self._noise**2
+        graph = scipy.sparse.coo_array((robust, (self._first, self._second)), (count, count)).tocsr()
         graph = graph + graph.T
         degree = np.asarray(graph.sum(axis=1)).ravel()
         gradient, blocks = [], []
         for color, change in enumerate(received.slopes):
             force = robust * rest[:, color]
-            pull = np.bincount(self._second, force, self._count) - np.bincount(self._first, force, self._count)
+            pull = np.bincount(self._second, force, count) - np.bincount(self._first, force, count)
             gradient.append(2.0 * slope * (pull @ change))
             blocks.append(2.0 * slope**2 * (change.T @ (degree[:, None] * change - graph @ change)))
         return Cue(nats, np.concatenate(gradient), scipy.linalg.block_diag(*blocks))
 
-    def shading(self, logs: NDArray[np.float64], light: NDArray[np.float64], fitted: Fitted) -> NDArray[np.float64]:
+    def shading(self, logs: NDArray[np.float64], light: NDArray[np.float64]) -> NDArray[np.float64]:
         """(L,) nats of log luminances (N,) under log lights (N, L), all colours alike."""
         seen, light = self._differences(logs)[:, None], self._differences(light)
         tried = []
         for slope in SLOPES[4::2]:
-            square = 3.0 * (seen - slope * light) ** 2 / fitted.difference**2
+            square = 3.0 * (seen - slope * light) ** 2 / self._noise**2
             tried.append(
                 self._weight * (self._weights @ (square / (1.0 + square))) + self._of_slope * (1.0 - slope) ** 2
             )
         return np.asarray(np.min(tried, axis=0))
 
-    def _best(self, squares: list[NDArray[np.float64]], fitted: Fitted) -> tuple[float, float]:
+    def _best(self, squares: list[NDArray[np.float64]]) -> tuple[float, float]:
         """Nats and slope of the best slope, of squared differences (P,) under each of SLOPES."""
         costs = []
         for slope, square in zip(SLOPES, squares, strict=True):
-            scaled = np.maximum(square, 0.0) / fitted.difference**2
+            scaled = np.maximum(square, 0.0) / self._noise**2
             cost = float(self._weights @ (scaled / (1.0 + scaled)))
             costs.append(self._weight * cost + self._of_slope * (1.0 - slope) ** 2)
         best = int(np.argmin(costs))

@@ -21,10 +21,11 @@ from . import trained
 from .captures import DIRECTIONS, harmonics_of, load, part_of
 
 STEPS = {
-    "contrast": 3.0,
+    "distant": 3.0,
     "parallel": 2.0,
     "slanted": 2.0,
     "difference": 1.4,
+    "distant_difference": 1.4,
     "sky": 3.0,
     "sky_noise": 1.5,
     "clipped": 3.0,
@@ -32,6 +33,7 @@ STEPS = {
     "clipped_noise": 1.5,
     "parallel_slope": 4.0,
     "slanted_slope": 4.0,
+    "distant_slope": 4.0,
     "albedo_spread": 1.5,
     "color_spread": 2.0,
 }
@@ -190,7 +192,7 @@ def ablation(captures, numbers):
         "nothing": {},
         "parallel pairs": {"parallel": 1e-6},
         "slanted pairs": {"slanted": 1e-6},
-        "contrast": {"contrast": 1e-6},
+        "distant pairs": {"distant": 1e-6},
         "the sky": {"sky": 1e-6, "clipped": 1e-6},
         "hue of the albedo": {
             f"{axis}{kind}_spread": 1e3 for axis in ("warmth", "green") for kind in ("", "_outdoors")

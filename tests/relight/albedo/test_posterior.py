@@ -6,7 +6,8 @@ from captured_scenes import TOP_LEFT, given, lamp_light, objects, patchy, photog
 
 from relight.albedo import estimate, natural, posterior
 from relight.albedo.captured import CapturedScene, CaptureEvidence
-from relight.albedo.evidence import SeenSky
+from relight.albedo.evidence import Evidence, LitPlaces, SeenSky
+from relight.albedo.fitted import FITTED
 from relight.albedo.said import Said
 from relight.light.projections import texel_directions
 from relight.sh import harmonics
@@ -33,7 +34,9 @@ def with_sky(evidence):
     return found
 
 
-@pytest.mark.parametrize("cue", ["parallel pairs", "slanted pairs", "contrast", "hue", "light", "sky", "clipped sky"])
+@pytest.mark.parametrize(
+    "cue", ["parallel pairs", "slanted pairs", "distant pairs", "hue", "light", "sky", "clipped sky"]
+)
 def test_gradients_are_those_of_the_nats(with_sky, cue):
     """The median albedo is left out: its slope is that of the mean."""
     basis = harmonics.evaluate(with_sky.places.directions, natural.BANDS)
@@ -54,6 +57,24 @@ def test_curvatures_are_symmetric_and_not_negative(with_sky):
         matrix = np.asarray(cue.hessian)
         np.testing.assert_allclose(matrix, matrix.T, rtol=1e-4, atol=1e-4 * np.abs(matrix).max(), err_msg=name)
         assert np.linalg.eigvalsh(matrix).min() > -1e-3 * np.abs(matrix).max(), name
+
+
+def test_distant_places_of_one_paint_tell_what_neighbours_cannot():
+    """Two groups of places face up; one sees the eastern sky, one the western: within each, all are lit alike."""
+    directions, count = fibonacci_sphere(300), 200
+    east = directions[:, 0] > 0
+    open_sky = np.maximum(directions[:, 1], 0.0) * 4.0 / len(directions)
+    sky = np.repeat([open_sky * east, open_sky * ~east], count, axis=0).astype(np.float32)
+    log_light = np.repeat(0.7 * east[:, None], 3, axis=1)
+    normals, dark = np.tile([0.0, 1.0, 0.0], (2 * count, 1)), np.zeros((2 * count, 3))
+    near = np.stack([np.arange(2 * count - 1), np.arange(1, 2 * count)], axis=1)
+    near = np.delete(near, count - 1, axis=0)
+    captured = 0.4 * (sky @ np.exp(log_light))
+    places = LitPlaces(sky, directions, captured, dark, normals, near, np.ones(len(near)))
+    found = [Evidence(places, None, FITTED).cues(light) for light in (log_light, 0.0 * log_light, -log_light)]
+    assert len({each["parallel pairs"].nats for each in found}) == 1
+    nats = [each["distant pairs"].nats for each in found]
+    assert nats[0] < 1e-6 < 0.1 * min(nats[1:])
 
 
 def test_the_prior_is_stationary_about_the_vertical():
