@@ -6,14 +6,12 @@ a sky in each of six directions as surfaces reflect it. There the difference of 
 the noise that the spread of the single rays predicts. So the average is linear in the light, and one for all lights.
 """
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from splat2mesh.base.arrays import Floats, Mask
-from splat2mesh.base.errors import InputError
+from splat2mesh.base.arrays import Mask
 from splat2mesh.base.kernels import kernel
 from splat2mesh.base.threads import in_slices
 
@@ -50,20 +48,16 @@ class BounceBlend:
         self,
         neighbors: Neighbors,
         rays: Met,
-        known: Callable[[], NDArray[np.float32]],  # (V, 2 FIELDS) what rays met of known lights, and of their squares
-        share: Floats | None = None,  # of another of the same
+        known: NDArray[np.float32],  # (V, 2 FIELDS) what rays met of known lights, and of their squares
     ) -> None:
-        """Measure the share, (N,), that each node takes from its ring. Raises InputError for one that does not fit."""
+        """Measure the share, (N,), that each node takes from its ring."""
         rows = self._vertices = neighbors.vertices
         self._node, self._starts, self._columns = neighbors.node, neighbors.starts, neighbors.columns
         met, outside = rays.hits[rows].astype(np.float64), 2 * rays.fronts[rows] >= rays.hits[rows]
         self._weights, alike = np.empty(len(self._columns)), np.empty(len(rows))
         ring = self._starts, self._columns, neighbors.weights
         in_slices(_weigh, len(rows), *ring, met, outside, rays.hidden[rows].astype(np.float64), self._weights, alike)
-        if share is not None:
-            self.share = _checked(share, len(rows))
-            return
-        mean = known()[rows]
+        mean = known[rows]
         own = mean[:, :FIELDS].astype(np.float64)
         spread = np.maximum(mean[:, FIELDS:] - own**2, 0.0).sum(axis=1) / np.maximum(met, 1.0)
         noise = spread * (STRATIFIED[0] / rays.rays) ** STRATIFIED[1]
@@ -77,12 +71,6 @@ class BounceBlend:
         blended = np.empty(own.shape, np.float32)
         in_slices(_blend, len(own), self._starts, self._columns, self._weights, self.share, own, blended)
         return blended[self._node]
-
-
-def _checked(share: Floats, count: int) -> NDArray[np.float64]:
-    if share.shape != (count,) or share.dtype != np.float64 or not (np.abs(share - 0.5) <= 0.5).all():
-        raise InputError("kept shares of rings are of another kind")
-    return np.asarray(share, np.float64)
 
 
 def known_lights(visible: NDArray[np.floating], normals: NDArray[np.float32]) -> NDArray[np.float32]:

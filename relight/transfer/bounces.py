@@ -48,13 +48,11 @@ class Sharing(NamedTuple):
     """How rows serve more vertices than their own.
 
     receivers: those whose rows are traced, from which others take over; all without. neighbors: over whose rings what
-    rays met is averaged (`bounce_blend`); without, every vertex has its own rays alone. share: `ring_share` of the same
-    before.
+    rays met is averaged (`bounce_blend`); without, every vertex has its own rays alone.
     """
 
     receivers: Receivers | None = None
     neighbors: Neighbors | None = None
-    share: Floats | None = None
 
 
 class Interreflection:
@@ -116,12 +114,7 @@ class Interreflection:
         fronts = np.zeros_like(self.hits)
         fronts[places.rows] = places.used
         self._fronts, self._neighbors = fronts, sharing.neighbors
-        self.scale_to(visible, sharing.share)
-
-    @property
-    def ring_share(self) -> Floats | None:
-        """How much each node takes from its ring; None without neighbours."""
-        return None if self._blend is None else self._blend.share
+        self.scale_to(visible)
 
     @property
     def entries(self) -> int:
@@ -171,9 +164,8 @@ class Interreflection:
         deque(in_order(work, range(0, len(self._rows), batch)), maxlen=0)
         return result
 
-    def scale_to(self, visible: Floats | None, share: Floats | None = None) -> None:
-        """Scale the rows to complement a visible fraction, (V,), or to the fraction of their own rays that hit. share:
-        `ring_share` of the same before."""
+    def scale_to(self, visible: Floats | None) -> None:
+        """Scale the rows to complement a visible fraction, (V,), or to the fraction of their own rays that hit."""
         if visible is None:
             self.hidden = (self.hits / self.rays).astype(np.float32)
             self._scale = np.full(len(self.hits), 1.0 / self.rays, np.float32)
@@ -185,16 +177,14 @@ class Interreflection:
             hidden = np.clip(1.0 - visible, 0.0, 1.0)
             self.hidden = hidden.astype(np.float32)
             self._scale = (hidden / np.maximum(self.hits, 1)).astype(np.float32)
-        self._blend = None if self._neighbors is None else self._blend_over(self._neighbors, share)
+        self._blend = None if self._neighbors is None else self._blend_over(self._neighbors)
 
-    def _blend_over(self, neighbors: Neighbors, share: Floats | None) -> BounceBlend:
-        def known() -> NDArray[np.float32]:
-            lights = known_lights(1.0 - self.hidden, self._normals)
-            if self.receivers is not None:
-                self.receivers.filled(lights)
-            return self._gathered(np.hstack([lights, lights**2]), self._per_hit)
-
-        return BounceBlend(neighbors, Met(self.hits, self._fronts, self.hidden, self.rays), known, share)
+    def _blend_over(self, neighbors: Neighbors) -> BounceBlend:
+        lights = known_lights(1.0 - self.hidden, self._normals)
+        if self.receivers is not None:
+            self.receivers.filled(lights)
+        met = self._gathered(np.hstack([lights, lights**2]), self._per_hit)
+        return BounceBlend(neighbors, Met(self.hits, self._fronts, self.hidden, self.rays), met)
 
     @property
     def _per_hit(self) -> NDArray[np.float32]:

@@ -17,10 +17,6 @@ from .occluder import Occluder
 from .receivers import Receivers
 from .store import Cache, array_key
 
-ALIKE = 2
-"""Largest factor of rays up to which existing bounces serve a request for fewer. Of more, so many are taken: they are
-as good as those that were asked for, and quicker than all."""
-
 
 class KeptBounces:
     """Occluder, receivers and interreflections of a scene, computed on first use and kept between runs.
@@ -48,7 +44,6 @@ class KeptBounces:
         self._receivers: Receivers | None = None
         self._shown = shown
         self._interreflections: dict[int, tuple[Interreflection, Transfer | None]] = {}  # and its scale
-        self._traced: tuple[int, BouncePlaces] | None = None  # the last ones, and their rays, where no cache keeps them
 
     @property
     def occluder(self) -> "Occluder":
@@ -109,9 +104,8 @@ class KeptBounces:
     def interreflection(self, rays: int, transfer: Transfer) -> Interreflection:
         """The Interreflection of the scene, so many rays per vertex or more; rows complement what `transfer` sees."""
         for there in self._matrices():  # one that is kept may be gone by now: another run keeps one of more rays
-            found = there if there in self._interreflections else there >= rays and self._kept_as(there, rays, transfer)
-            if found >= rays:
-                rays = found
+            if there >= rays and (there in self._interreflections or self._restored(there, transfer)):
+                rays = there
                 break
         else:
             self._interreflections[rays] = self._matrix(rays, visible_fraction(transfer)), transfer
@@ -121,64 +115,31 @@ class KeptBounces:
             self._interreflections[rays] = matrix, transfer
         return matrix
 
-    def _kept_as(self, rays: int, wanted: int, transfer: Transfer) -> int:
-        """Take over what is wanted of the Interreflection that is kept, of so many rays: how many, 0 without one."""
+    def _restored(self, rays: int, transfer: Transfer) -> bool:
+        """Take over the Interreflection of so many rays that is kept; whether there is one."""
         receivers, faces, visible = self.receivers, self.scene.faces, visible_fraction(transfer)
-        step = max(rays // (ALIKE * wanted), 1)
 
         def made(kept: Mapping[str, NDArray[Any]]) -> Interreflection:
-            places = BouncePlaces.restored(kept, rays, len(faces), receivers.traced).thinned(step)
-            given, sharing = (places, rays // step, self.occluder, visible), Sharing(receivers, self._neighbors)
-            of_rings = "rings", f"{rays}by{step}" if step > 1 else rays, self.seed, receivers.key, array_key(visible)
-
-            def again(kept: Mapping[str, NDArray[Any]]) -> Interreflection:
-                return Interreflection.of_places(*given, sharing._replace(share=kept["share"]))
-
-            found = self.cache.restored(again, *of_rings)
-            if found is None:
-                found = Interreflection.of_places(*given, sharing)
-                if found.ring_share is not None:
-                    self.cache.put(*of_rings, share=found.ring_share)
-            return found
+            places = BouncePlaces.restored(kept, rays, len(faces), receivers.traced)
+            return Interreflection.of_places(places, rays, self.occluder, visible, Sharing(receivers, self._neighbors))
 
         with self._stages.stage("bounce rays kept"):
             found = self.cache.restored(made, "bounces", rays, self.seed, receivers.key)
         if found is not None:
-            self._interreflections[rays // step] = found, transfer
-        return 0 if found is None else rays // step
+            self._interreflections[rays] = found, transfer
+        return found is not None
 
     def _matrix(self, rays: int, visible: Floats) -> Interreflection:
-        """The Interreflection, traced, and cached instead of those with slightly fewer rays."""
-        occluder, receivers = self.occluder, self.receivers
-        there, known = self._growing_to(rays)
-        sets = 1 if known is None else (rays - there) // int(known.base)
-        with self._stages.stage("bounce rays", sets * len(receivers.rows)) as advance:
-            how = Shooting(occluder, self.seed, advance, receivers)
-            places = BouncePlaces.shot(rays, how) if known is None else known.grown(there, rays, how)
-            found = Interreflection.of_places(places, rays, occluder, visible, Sharing(receivers, self._neighbors))
-        self._traced = None if self.cache.keeps else (rays, places)
-        self.rays_traced += (rays - there) * len(receivers.rows)
+        """The Interreflection, traced, and cached instead of those with fewer rays."""
+        receivers = self.receivers
+        with self._stages.stage("bounce rays", len(receivers.rows)) as advance:
+            places = BouncePlaces.shot(rays, Shooting(self.occluder, self.seed, advance, receivers))
+            sharing = Sharing(receivers, self._neighbors)
+            found = Interreflection.of_places(places, rays, self.occluder, visible, sharing)
+        self.rays_traced += rays * len(receivers.rows)
         with self._stages.stage("keep"):
             self.cache.put("bounces", rays, self.seed, receivers.key, **places._asdict())
             for fewer in self._matrices():
-                if rays // ALIKE <= fewer < rays:
+                if fewer < rays:
                     self.cache.drop("bounces", fewer, self.seed, receivers.key)
         return found
-
-    def _growing_to(self, rays: int) -> tuple[int, BouncePlaces | None]:
-        """The most rays whose hits are known and become so many by doubling, and those; 0 and None without."""
-        for there in (rays // 2, rays // 4):
-            known = self._known(there)
-            if known is not None and known.grows_to(rays):
-                return there, known
-        return 0, None
-
-    def _known(self, rays: int) -> BouncePlaces | None:
-        """The hits of so many rays, where they were traced or are kept."""
-        if self._traced is not None and self._traced[0] == rays:
-            return self._traced[1]
-        receivers, faces = self.receivers, len(self.scene.faces)
-        return self.cache.restored(
-            lambda kept: BouncePlaces.restored(kept, rays, faces, receivers.traced),
-            *("bounces", rays, self.seed, receivers.key),
-        )

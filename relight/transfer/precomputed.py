@@ -92,12 +92,12 @@ class Precomputed(KeptBounces):
         known = {each for each in (*self._transfers, *self._keys()) if each[4] == self.seed}
         serving, seen = {each for each in known if serves(each, settings, leaves)}, self._known_visibility(settings)
         wanted, as_wanted = settings.bounce_rays, serving == {key} if serving else seen is None
-        others = {rays for rays in self._matrices() if rays >= wanted or rays in (wanted // 2, wanted // 4)}  # or grows
+        others = {rays for rays in self._matrices() if rays >= wanted}
         if as_wanted and (not others or wanted in others):
             return self
         self._receivers = self.receivers  # found once, for both
         apart = copy.copy(self)
-        apart.cache, apart._transfers, apart._interreflections, apart._traced = Cache(), {}, {}, None
+        apart.cache, apart._transfers, apart._interreflections = Cache(), {}, {}
         apart._visibility = seen.first if seen is not None and seen.base == settings.rays else None
         return apart
 

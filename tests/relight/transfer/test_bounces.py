@@ -7,8 +7,8 @@ import open3d as o3d
 import pytest
 
 from relight.transfer import sampling
-from relight.transfer.bounce_places import BouncePlaces, Shooting, batch_of
-from relight.transfer.bounce_rows import FINENESS, LEAST_KEPT
+from relight.transfer.bounce_places import batch_of
+from relight.transfer.bounce_rows import FINENESS
 from relight.transfer.bounces import (
     DEFAULT_MAX_BOUNCES,
     Interreflection,
@@ -320,31 +320,6 @@ def test_error_falls_with_rays_and_more_where_rows_complement_the_direct_light(l
 
     assert off(512) < off(32) * 16**-0.6  # independent random rays: 16^-0.5
     assert off(32, sky[:, 0]) < 0.85 * off(32)
-
-
-def test_thinned_rays_are_as_good_as_half_as_many_and_lean_to_no_side(lit):
-    """They are less even than rays that were meant to be so few."""
-    occluder, transfer, albedo = lit
-    visible = visible_fraction(transfer)
-    sent = albedo * np.repeat(visible[:, None], 3, axis=1)
-    converged = Interreflection(occluder, 4096, seed=9, visible=visible).bounce(sent)
-    as_many = error(Interreflection(occluder, 32, visible=visible).bounce(sent), converged)
-    for rays in (128, 256, 512):
-        places = BouncePlaces.shot(rays, Shooting(occluder))
-        thinned = Interreflection.of_places(places.thinned(rays // 64), 64, occluder, visible)
-        assert error(thinned.bounce(sent), converged) < 1.1 * as_many
-        np.testing.assert_allclose(thinned.bounce(sent).mean(axis=0), converged.mean(axis=0), rtol=0.01)
-
-
-def test_rows_of_few_hits_keep_them_all(lit):
-    places = BouncePlaces.shot(64, Shooting(lit[0]))
-    assert places.thinned(1) is places
-    for step in (2, 8, 100):
-        few, kept = places.used < LEAST_KEPT * step, places.thinned(step)
-        np.testing.assert_array_equal(kept.used[few], places.used[few])
-        np.testing.assert_array_equal(kept.hits[kept.rows[few]], places.hits[places.rows[few]])
-        assert (kept.hits[kept.rows] >= kept.used).all() and kept.used.sum() == len(kept.places)
-        assert few.all() or len(kept.places) < len(places.places)
 
 
 # -- what the result may not depend on

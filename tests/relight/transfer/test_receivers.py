@@ -129,8 +129,6 @@ def test_kept_bounces_of_a_scene_in_chunks_are_found_again(scene):
         ("rows", lambda a: a.astype(np.int64), "kind"),
         ("copies", lambda a: a - 2, "negative"),
         ("copies", lambda a: a[1:], "kind"),
-        ("base", lambda a: a + 1, "rays"),
-        ("base", lambda a: a[None], "kind"),
     ],
 )
 def test_kept_bounces_that_do_not_fit_are_refused(scene, name, change, reason):
