@@ -121,13 +121,6 @@ class Orbit:
         distance = self.distance * WHEEL**-steps
         return replace(self, distance=min(max(distance, NEAREST * self.diagonal), FARTHEST * self.diagonal))
 
-    def split_plane(self, share: float, aspect: float) -> NDArray:
-        """Normal (3,) of the plane through the eye and the vertical line at `share` of the width; it points right."""
-        right, up, backward = self.axes
-        direction = right * (2.0 * share - 1.0) * math.tan(math.radians(self.fov_deg) / 2.0) - backward
-        normal = np.cross(direction, up)
-        return normal / np.linalg.norm(normal)
-
 
 def _depth_ahead(offsets: NDArray, forward: NDArray, least: float) -> float:
     """Distance to the nearest of the vertices, (V, 3) from the eye, within 5 degrees of `forward`; `least` at least."""

@@ -1,8 +1,6 @@
-"""Moving pictures if OpenGL draws on the CPU: the visible face of every pixel is found once, by rays.
+"""Pictures of a mesh and a sky: the visible face of every pixel is found once, by rays.
 
-A frame under another light then only mixes three colours per pixel. Software OpenGL transforms and rasterises all
-triangles again for every picture, which takes ten times as long or more (`scripts/bench session`). Still pictures
-are OpenGL's, with smooth edges; a test compares the two.
+A picture under another light then only mixes three colours per pixel. A test compares it with rays of its own.
 """
 
 import math
@@ -16,9 +14,6 @@ from splat2mesh.base.threads import read_only, shared
 from splat2mesh.render.raycaster import RayCaster
 
 from .camera import Orbit
-
-SOFTWARE = "llvmpipe", "softpipe", "swrast", "swiftshader", "software"
-"""Parts of the names of renderers that draw on the CPU."""
 
 
 class Raster:
@@ -75,13 +70,6 @@ class Raster:
             u, v = np.arctan2(x, z) / (2.0 * math.pi), np.arctan2(y, np.hypot(x, z)) / math.pi
             self._sky_places = np.float32(0.5) - np.stack([u, v], axis=-1).astype(np.float32)
         return self._sky_places
-
-
-def prepare() -> None:
-    """Compile the kernel or load it compiled, before the first picture would wait seconds for it."""
-    raster = Raster(np.zeros((0, 3)), np.zeros((0, 3)))
-    raster.look(Orbit((0.0, 0.0, 0.0), 1.0, 0.0, 0.0, 40.0, 1.0), (8, 8))
-    raster.paint(np.zeros((3, 3), np.uint8), sky=(np.zeros((2, 4, 3), np.uint8), 0.0))
 
 
 @shared

@@ -20,12 +20,11 @@ from .controls import CONTROLS
 from .modes import surface_colors
 from .mouse import Mouse
 from .panel import OfWindow, Panel, bars_of
-from .raster import prepare
 from .recording import Recording, free_name
 from .request import Turntable
 from .session import REST_SECONDS, Session
 from .splat_painter import coarser, joined
-from .stage import MOVING_SAMPLES, RESTING_SAMPLES, Stage, pixels
+from .stage import Stage, pixels
 
 SIZE = 1280, 800
 TURN_DEG_PER_SECOND = 36.0  # of a light that turns by itself
@@ -49,7 +48,6 @@ class Window:
         self.plotter = pyvista.Plotter(off_screen=off_screen, window_size=list(size), notebook=False, title="relight")
         self._stage, self.note = Stage(self.plotter.renderer, session.scene), ""
         self.panel = Panel(self.plotter.renderer)
-        self.plotter.camera_set = True  # or the first picture would have another viewpoint
         camera = session.scene.preview_camera or default_camera(session.scene, size[0] / size[1])
         orbit = Orbit.of(camera, session.scene.vertices, session.scene.diagonal)
         bars = bars_of(size) if session.state.panel else (0.0, 0.0)
@@ -59,7 +57,6 @@ class Window:
         self.mouse: Mouse = Mouse(self)
         self._drawn: tuple | None = None
         self._sky: tuple[int, float] | None = None
-        self._software: bool | None = None
         self._seen_from: tuple[Orbit, tuple[int, int]] | None = None
         self.loop: Any = None  # of a notebook
         self._moved = self._panelled = self._ticked = -np.inf
@@ -238,41 +235,19 @@ class Window:
         return self.panel.draw(self.session, self.size, own, bare)
 
     def _draw_scene(self, rests: bool, wait: bool = False) -> None:
-        """Update surface, sky and camera, for a picture at rest or in motion.
-
-        wait: for splats to be bound and fitted.
-
-        Where OpenGL draws on the CPU, it draws the scene once when the picture comes to rest, and again while the
-        camera moves. While only the light moves, our own rasteriser draws the scene and OpenGL the panel.
-        """
-        session, stage, glass, size = self.session, self._stage, self.plotter.render_window, self.size
-        if self._software is None and self._drawn is not None:  # OpenGL reports this once it has drawn
-            self._software = stage.software()
-            if self._software:
-                prepare()
+        """Draw the scene: smooth at rest, coarse while the camera moves. wait: for splats to be bound and fitted."""
+        session, size = self.session, self.size
         still, self._seen_from = (self.orbit, size) == self._seen_from, (self.orbit, size)
         self._drawn, self._resting = (session.revision, self.orbit, size, self.note), rests
-        behind = self._colored()
-        picture = None
+        angle = session.state.angle_deg if self._colored() else None
+        moves = not (rests or still)
+        size = coarser(size) if moves else size
         if session.shows_splats:
-            stage.look(self.orbit)
-            picture = self._splats_drawn(rests, still, behind, wait)
-        elif self._software and still and not rests:
-            state = session.state
-            angle, split = (state.angle_deg if behind else None), (state.split_at if state.split else None)
-            picture = stage.rasterised(self.orbit, size, split, angle)
-        stage.show_picture(picture)
-        if picture is None:
-            self._place_scene(behind)
-        glass.SetMultiSamples(RESTING_SAMPLES if rests and picture is None else MOVING_SAMPLES)
-        if self._software and rests and picture is None:
-            self.panel.hide()
-            glass.SwapBuffersOff()
-            glass.Render()
-            picture = pixels(glass)[::-1]
-            glass.SwapBuffersOn()
-            glass.SetMultiSamples(MOVING_SAMPLES)
-            stage.show_picture(picture)
+            picture = self._splats_drawn(size, rests, moves, angle, wait)
+        else:
+            split = session.state.split_at if session.state.split else None
+            picture = self._stage.drawn(self.orbit, size, split, angle, smooth=rests)
+        self._stage.show(picture)
 
     def _colored(self) -> bool:
         """Give surface, objects and sky their colours; return whether the sky shows."""
@@ -288,26 +263,14 @@ class Window:
             stage.paint_sky(session.answers.light.sky, session.sky_exposure())
         return True
 
-    def _place_scene(self, behind: bool) -> None:
-        """Bring camera, split line and sky into place."""
-        stage, state, (width, height) = self._stage, self.session.state, self.size
-        stage.look(self.orbit)
-        if state.split:
-            stage.split(self.orbit.split_plane(state.split_at, width / height), self.orbit.eye)
-        else:
-            stage.split()
-        if behind:
-            stage.turn_sky(state.angle_deg)
-        stage.show_sky(behind)
-
-    def _splats_drawn(self, rests: bool, still: bool, behind: bool, wait: bool) -> NDArray:
-        """The picture of the splats, bottom row first: coarse while the camera moves, exact at rest."""
+    def _splats_drawn(
+        self, size: tuple[int, int], rests: bool, moves: bool, angle: float | None, wait: bool
+    ) -> NDArray[np.uint8]:
+        """The picture of the splats, bottom row first, before the sky at an angle: exact at rest."""
         session, stage, orbit, splats = self.session, self._stage, self.orbit, self.session.splats
         assert splats is not None
-        moves = not (rests or still)
-        size = coarser(self.size) if moves else self.size
         draw = stage.splats.exact if rests or moves else stage.splats.again
-        back = stage.behind(orbit, size, session.state.angle_deg if behind else None)[::-1]
+        back = stage.behind(orbit, size, angle)[::-1]
         shown, inserted, objects = splats.shown(session, rests, wait), session.inserted, session.objects
         if inserted is not None and objects is not None:
             draw = stage.splats.exact  # objects are other splats in each picture
