@@ -20,11 +20,11 @@ from ..light.captured import CapturedLight
 from ..options import LightingOptions
 from ..planning import planner
 from ..rooms.hidden import kept_volumes
+from ..transfer.bounces import with_bounces
 from ..transfer.checks import checked_albedo
 from ..transfer.posed import PosedPrecomputed
 from ..transfer.precomputed import Precomputed
 from ..transfer.settings import BOUNCE_RAYS, Settings
-from ..transfer.settled import settled
 from ..transfer.transport import Transport
 from .blinnphong import blinn_phong
 from .direct import DirectLight, Geometry
@@ -258,7 +258,7 @@ class Relighter:
         interreflection = self.interreflection(settings.bounce_rays)
         with self.stages.stage("bounces"):
             albedo = np.broadcast_to(np.float32(1.0), direct.shape) if tint is None else tint
-            return *settled(direct, albedo, interreflection, settings.bounce_tolerance), interreflection
+            return *with_bounces(direct, albedo, interreflection, settings.bounce_tolerance), interreflection
 
     def direct(
         self, environment: "Environment", settings: Settings

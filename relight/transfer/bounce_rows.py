@@ -12,9 +12,6 @@ and a hit in a mesh of up to a million faces takes four bytes."""
 
 SIDE = FINENESS + 1
 
-LEAST_KEPT = 4
-"""Hits of a row that thinning leaves at least."""
-
 
 @kernel
 def unpack(
@@ -47,18 +44,15 @@ def gather_rgb(
     scale: NDArray[np.float32],
     radiance: NDArray[np.float32],
     result: NDArray[np.float32],
-    thinning: int,
 ) -> None:
     """Products of the rows with radiance (V, 3) into the result (V, 3), times the scale of each, (V,).
 
     The order of the rays, and so that of the sums, is the vertex's own: renaming vertices changes no bit. Nor does it
-    matter which of several vertices that are equally bright a face has. One hit in `thinning` stands for all.
+    matter which of several vertices that are equally bright a face has.
     """
     for v in range(len(rows)):
         red, green, blue = 0.0, 0.0, 0.0
-        used = starts[v + 1] - starts[v]
-        step = thinning if used >= LEAST_KEPT * thinning else 1
-        for i in range(starts[v] + step // 2, starts[v + 1], step):
+        for i in range(starts[v], starts[v + 1]):
             a, b, c = corners[i, 0], corners[i, 1], corners[i, 2]
             second, third = np.float64(parts[i, 0]), np.float64(parts[i, 1])
             first = FINENESS - second - third
@@ -67,8 +61,6 @@ def gather_rgb(
             blue += first * radiance[a, 2] + second * radiance[b, 2] + third * radiance[c, 2]
         row = rows[v]
         factor = scale[row] / FINENESS
-        if step > 1:
-            factor *= used / ((used - step // 2 + step - 1) // step)
         result[row, 0], result[row, 1], result[row, 2] = factor * red, factor * green, factor * blue
 
 
@@ -81,16 +73,13 @@ def gather(
     scale: NDArray[np.float32],
     radiance: NDArray[np.float32],
     result: NDArray[np.float32],
-    thinning: int,
 ) -> None:
     """The same of radiance (V, C)."""
     width = radiance.shape[1]
     total = np.zeros(width)
     for v in range(len(rows)):
         total[:] = 0.0
-        used = starts[v + 1] - starts[v]
-        step = thinning if used >= LEAST_KEPT * thinning else 1
-        for i in range(starts[v] + step // 2, starts[v + 1], step):
+        for i in range(starts[v], starts[v + 1]):
             a, b, c = corners[i, 0], corners[i, 1], corners[i, 2]
             second, third = np.float64(parts[i, 0]), np.float64(parts[i, 1])
             first = FINENESS - second - third
@@ -98,7 +87,5 @@ def gather(
                 total[k] += first * radiance[a, k] + second * radiance[b, k] + third * radiance[c, k]
         row = rows[v]
         factor = scale[row] / FINENESS
-        if step > 1:
-            factor *= used / ((used - step // 2 + step - 1) // step)
         for k in range(width):
             result[row, k] = factor * total[k]

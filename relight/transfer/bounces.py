@@ -33,7 +33,7 @@ from .occluder import Occluder
 from .receivers import Receivers
 from .settings import BOUNCE_RAYS, BOUNCE_TOLERANCE
 
-DEFAULT_MAX_BOUNCES = 16
+DEFAULT_MAX_BOUNCES = 64
 """Reached only by bright scenes that are nearly closed."""
 
 ROUNDING = 1e-5
@@ -129,7 +129,6 @@ class Interreflection:
     def bounce(
         self,
         radiance: ArrayLike,  # (V, C) or (V,) exit radiance
-        thinning: int = 1,  # one ray in so many carries it
     ) -> NDArray[np.float32]:
         """B X: exit radiance of a white vertex due to light from other surfaces; shaped as X, float32.
 
@@ -141,16 +140,14 @@ class Interreflection:
             raise InputError(f"the radiance must have shape {expected}, found {radiance.shape}")
         columns = read_only(radiance.reshape(len(radiance), -1))
         if self._blend is None:
-            result = self._gathered(columns, self._scale, thinning)
+            result = self._gathered(columns, self._scale)
         else:
-            result = self.hidden[:, None] * self._blend(self._gathered(columns, self._per_hit, thinning))
+            result = self.hidden[:, None] * self._blend(self._gathered(columns, self._per_hit))
         if self.receivers is not None:
             self.receivers.filled(result)
         return result.reshape(radiance.shape)
 
-    def _gathered(
-        self, columns: NDArray[np.float32], scale: NDArray[np.float32], thinning: int = 1
-    ) -> NDArray[np.float32]:
+    def _gathered(self, columns: NDArray[np.float32], scale: NDArray[np.float32]) -> NDArray[np.float32]:
         """(V, C) sums over the hits of each row of columns (V, C), times a scale (V,)."""
         result = np.zeros_like(columns)
         kernel = gather_rgb if columns.shape[1] == 3 else gather
@@ -159,7 +156,7 @@ class Interreflection:
         def work(start: int) -> None:
             part = slice(start, start + batch)
             starts = self._starts[start : start + batch + 1]
-            kernel(self._rows[part], starts, self._corners, self._parts, scale, columns, result, thinning)
+            kernel(self._rows[part], starts, self._corners, self._parts, scale, columns, result)
 
         deque(in_order(work, range(0, len(self._rows), batch)), maxlen=0)
         return result
