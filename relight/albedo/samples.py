@@ -7,8 +7,8 @@ import scipy
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Directions, Floats, Indices, Mask
+from splat2mesh.base.sphere import fibonacci_sphere
 
-from ..sh.sphere import fibonacci_sphere
 from ..transfer.facing import met_in_front
 from ..transfer.neighbors import ranked_nodes
 from ..transfer.occluder import Occluder

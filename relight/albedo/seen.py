@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Floats, Integers, Mask
+from splat2mesh.base.sphere import fibonacci_sphere
 from splat2mesh.scene.scene import Scene
 
-from ..sh.sphere import fibonacci_sphere
 from ..transfer.occluder import Frame, Occluder
 
 LOOKS = 4096

@@ -5,9 +5,9 @@ import scipy
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Directions, Faces, Vector
+from splat2mesh.base.sphere import fibonacci_sphere
 
 from ..lamps.tracing import lamplight
-from ..sh.sphere import fibonacci_sphere
 from .surroundings import LAMP_RAYS, Receiving, Surroundings, Together
 
 DIRECTIONS = 64

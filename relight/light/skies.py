@@ -15,8 +15,8 @@ from splat2mesh.scene.color import luminance
 
 from . import HEIGHT, WIDTH
 from .projections import row_solid_angles, texel_directions
+from .sky_model import SUN_RADIUS_DEG
 
-_SUN_RADIUS_DEG = 0.266  # half the mean apparent diameter of the solar disc
 _GROUND_ALBEDO = 0.2  # of soil and grass
 _SUBSAMPLES = 16  # a side of each texel near a disc's rim
 
@@ -41,7 +41,7 @@ def seen(name: str, directions: Directions) -> NDArray[np.float32]:
     light = sky.formula(above)
     if sky.sun is not None:
         center, radiance = sky.sun
-        inside = above @ center > np.cos(np.radians(_SUN_RADIUS_DEG))
+        inside = above @ center > np.cos(np.radians(SUN_RADIUS_DEG))
         light = light + inside[..., None] * radiance
     result[~below] = light
     if sky.ground is not None:
@@ -129,7 +129,7 @@ def _sky(name: str) -> _Sky:
         angles, color, share = _SUNS[name]
         center = _direction(*angles)
         power, tint = _sun_power(image, directions, center, share), np.asarray(color) / luminance(color)
-        solid_angle = 2.0 * np.pi * (1.0 - np.cos(np.radians(_SUN_RADIUS_DEG)))
+        solid_angle = 2.0 * np.pi * (1.0 - np.cos(np.radians(SUN_RADIUS_DEG)))
         sun = center, power / solid_angle * tint
         areas = row_solid_angles(HEIGHT, WIDTH)
         disc = _disc(directions, center) * areas
@@ -184,7 +184,7 @@ def _sun_power(sky: Radiance, directions: Directions, sun: Vector, level_share: 
 
 def _disc(directions: Directions, center: Vector) -> NDArray[np.float64]:
     """Share (H, W) of each texel that the sun's disc covers."""
-    radius, k = np.radians(_SUN_RADIUS_DEG), _SUBSAMPLES
+    radius, k = np.radians(SUN_RADIUS_DEG), _SUBSAMPLES
     covered = np.zeros(directions.shape[:2])
     near = directions @ center > np.cos(radius + np.pi / HEIGHT)  # a texel's reach is under pi / HEIGHT
     for row in np.flatnonzero(near.any(axis=1)):

@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Directions, Floats, Indices, Integers, Radiance
 from splat2mesh.base.errors import InputError
+from splat2mesh.base.sphere import fibonacci_sphere
 from splat2mesh.scene.color import luminance
 
 from ..sh import harmonics
-from ..sh.sphere import fibonacci_sphere
 from . import SUN_TOLERANCE, projections
 from .environment import Environment, turned_about_y
 from .pooling import pooled, pooling

@@ -10,7 +10,7 @@ from splat2mesh.render.raycaster import RayCaster
 
 from .kinds import PICTURE_SIZE
 from .picture import RelitPicture
-from .sheet import sheet
+from .sheet import MARK, sheet
 
 if TYPE_CHECKING:
     from splat2mesh.scene.scene import Scene
@@ -21,9 +21,6 @@ FOV_DEG = 70.0
 
 RING = 0.16
 """Radius of the ring about a lamp, of the picture's height."""
-
-INK = (255, 90, 40)
-"""sRGB bytes of marks on a picture, which no surface has."""
 
 
 def lamps_picture(scene: "Scene", lamps: Sequence[dict[str, Any]]) -> NDArray[np.uint8]:
@@ -62,5 +59,5 @@ def _ringed(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
     height, width = picture.shape[:2]
     y, x = np.mgrid[:height, :width]
     off = np.hypot(x - width / 2, y - height / 2) / height
-    picture[np.abs(off - RING) < 0.006] = INK
+    picture[np.abs(off - RING) < 0.006] = MARK
     return picture

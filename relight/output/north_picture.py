@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from .kinds import PICTURE_SIZE
-from .lamps_picture import INK
 from .picture import RelitPicture
 from .preview import NOWHERE
+from .sheet import MARK
 
 if TYPE_CHECKING:
     from splat2mesh.render.view import View
@@ -21,9 +21,8 @@ ANCHOR = 0.5, 0.7
 LENGTH = 0.2
 """Length of the arrow, over its distance from the camera."""
 
-OUTLINE = np.array(
-    [[0.5, 0.0], [0.1, 0.22], [0.1, 0.07], [-0.5, 0.07], [-0.5, -0.07], [0.1, -0.07], [0.1, -0.22]], np.float64
-)
+HALF = np.array([[0.5, 0.0], [0.1, 0.22], [0.1, 0.07], [-0.5, 0.07]])
+OUTLINE = np.concatenate([HALF, HALF[:0:-1] * [1.0, -1.0]])
 """Outline of an arrow of length 1 along x, its tip first."""
 
 LETTER = 0.62
@@ -62,8 +61,8 @@ def north_picture(
     pixels, depth = _seen(view, world)
     if (depth > NEAREST * length).all():
         draw = ImageDraw.Draw(image)
-        draw.polygon([tuple(each) for each in pixels[:-1].tolist()], fill=INK)
-        draw.text(tuple(pixels[-1].tolist()), "N", INK, ImageFont.load_default(PICTURE_SIZE[1] // 24), anchor="mm")
+        draw.polygon([tuple(each) for each in pixels[:-1].tolist()], fill=MARK)
+        draw.text(tuple(pixels[-1].tolist()), "N", MARK, ImageFont.load_default(PICTURE_SIZE[1] // 24), anchor="mm")
     return np.asarray(image)
 
 

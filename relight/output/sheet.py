@@ -14,7 +14,16 @@ LABEL = 0.075
 """Height of the line with a picture's name, of the picture's height."""
 
 GAP = 4  # pixels between pictures
-INK, PAPER = (225, 225, 230), (24, 25, 28)  # sRGB bytes
+
+
+def grey(level: int) -> tuple[int, int, int]:
+    """A grey, sRGB bytes."""
+    return level, level, level
+
+
+INK, PAPER, MARK = grey(226), grey(20), (255, 140, 50)
+"""sRGB bytes of texts, of what is behind them, and of what is marked: no surface is as bright an orange. Of the session
+too."""
 
 
 def sheet(

@@ -7,12 +7,12 @@ import scipy
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Floats, Radiance
+from splat2mesh.base.sphere import fibonacci_sphere
 
 from ..light import projections
 from ..light.pooling import pooled
 from ..light.sun_split import GRID
 from ..sh import harmonics
-from ..sh.sphere import fibonacci_sphere
 
 TURNS = 8
 """Rotations for which a plan must hold, 45 degrees apart. Between them errors change by a tenth or so."""

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from splat2mesh.base.arrays import Floats, Indices, Integers, Mask, Points
+from splat2mesh.base.sphere import fibonacci_sphere
 from splat2mesh.base.threads import cores
 
-from ..sh.sphere import fibonacci_sphere
 from ..transfer import consensus, sampling
 from ..transfer.neighbors import ranked_nodes
 from ..transfer.occluder import BATCH_RAYS, Occluder

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Floats, Mask, Points
 from splat2mesh.base.errors import InputError
+from splat2mesh.base.sphere import fibonacci_sphere
 from splat2mesh.capture import Capture
 from splat2mesh.render.opacitygrid import OpacityGrid
 from splat2mesh.scene.color import linear_from_srgb
@@ -20,7 +21,6 @@ from splat2mesh.views.viewpoints import bounds_of
 
 from ..albedo.evidence import LitPlaces
 from ..albedo.samples import neighbor_pairs
-from ..sh.sphere import fibonacci_sphere
 
 PLACES = 4000
 """That carry the change of light. Twice as many take twice the time."""

@@ -13,12 +13,12 @@ import scipy
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Floats, Integers, Mask
+from splat2mesh.base.sphere import fibonacci_sphere
 from splat2mesh.scene.measured import CapturedSky
 from splat2mesh.scene.scene import Scene
 
 from ..albedo import samples
 from ..albedo.skylight import GROUND, SkyParts
-from ..sh.sphere import fibonacci_sphere
 from ..transfer.occluder import BATCH_RAYS, Frame, Occluder
 from ..transfer.store import Cache
 from .interior import LOOKS, MOST_CLOSED, within

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Floats, Points
+from splat2mesh.base.sphere import fibonacci_sphere
 from splat2mesh.scene.scene import Scene
 
-from ..sh.sphere import fibonacci_sphere
 from ..transfer.occluder import Frame, Occluder
 
 LOOKS = 512

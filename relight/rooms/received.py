@@ -7,12 +7,11 @@ import scipy
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Directions, Floats, Integers, Radiance
-from splat2mesh.base.sphere import row_solid_angles, texel_directions
+from splat2mesh.base.sphere import fibonacci_sphere, row_solid_angles, texel_directions
 from splat2mesh.scene.measured import CapturedSky
 
 from ..albedo import samples
 from ..albedo.skylight import GROUND, SkyParts
-from ..sh.sphere import fibonacci_sphere
 from ..transfer.facing import met_in_front
 from ..transfer.occluder import Occluder
 

@@ -3,7 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from ..sh.sphere import fibonacci_sphere
+from splat2mesh.base.sphere import fibonacci_sphere
+
 from ..transfer.occluder import Occluder
 
 SHORT = 0.999

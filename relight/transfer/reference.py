@@ -8,13 +8,13 @@ from scipy.spatial import cKDTree
 
 from splat2mesh.base.arrays import Indices, Radiance
 from splat2mesh.base.errors import InputError
+from splat2mesh.base.sphere import fibonacci_sphere
 from splat2mesh.scene.color import luminance
 
 from ..light import projections
 from ..light.environment import Environment
 from ..light.projections import texel_parts
 from ..light.suns import Suns
-from ..sh.sphere import fibonacci_sphere
 from .occluder import BATCH_RAYS, Occluder
 from .sunlight import sunlight
 from .volume import Foliage

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Directions, Floats, Indices, Mask, Points, Transfer
 from splat2mesh.base.kernels import kernel
+from splat2mesh.base.sphere import fibonacci_sphere
 from splat2mesh.base.threads import in_slices
 from splat2mesh.scene.leaves import FEW, PROBE, Lattice, throughout
 from splat2mesh.scene.optical_depth import OpticalDepth
@@ -24,7 +25,6 @@ from splat2mesh.scene.scene import Scene
 
 from ..light.suns import Suns
 from ..sh import harmonics
-from ..sh.sphere import fibonacci_sphere
 from .occluder import BATCH_RAYS
 from .settings import VOLUME_DIRECTIONS
 from .store import array_key

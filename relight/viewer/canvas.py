@@ -17,6 +17,8 @@ from vtkmodules.vtkRenderingCore import (
     vtkTextRenderer,
 )
 
+from ..output.sheet import INK, MARK, PAPER, grey
+
 
 class Style(NamedTuple):
     """How a text looks. size: in units."""
@@ -27,10 +29,11 @@ class Style(NamedTuple):
 
 SMALL, KEY = Style(), Style(bold=True)
 
-BAR, CHIP, ON = (15, 16, 19, 215), (44, 47, 54, 255), (233, 178, 84, 255)
-TEXT, DIM, DARK, WARNING = (226, 228, 232), (150, 155, 164), BAR[:3], (240, 150, 110)
-IDLE, HANDLE = (*((one + other) // 2 for one, other in zip(ON[:3], DARK, strict=True)), 255), (*TEXT, 255)
-"""sRGB bytes of what is drawn, with opacity, and of texts."""
+OPAQUE = 255
+TEXT, DARK, DIM, WARNING = INK, PAPER, grey(152), MARK
+BAR, CHIP, ON, HANDLE = (*DARK, 215), (*grey(48), OPAQUE), (*MARK, OPAQUE), (*TEXT, OPAQUE)
+IDLE = *((one + other) // 2 for one, other in zip(MARK, DARK, strict=True)), OPAQUE
+"""sRGB bytes of texts, and of what is drawn, with opacity."""
 
 _LEAST_SIZE = 6  # pixels of a text
 _DPI = 72  # a point is a pixel

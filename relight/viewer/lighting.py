@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Radiance
 from splat2mesh.base.errors import InputError
+from splat2mesh.base.sphere import fibonacci_sphere
 from splat2mesh.scene.scene import Scene
 
 from ..engine.relighter import Relighter
@@ -23,7 +24,6 @@ from ..light.environment import Environment
 from ..light.pooling import pooled
 from ..options import LightingOptions
 from ..sh import harmonics
-from ..sh.sphere import fibonacci_sphere
 from ..transfer.analytic import analytic
 from ..transfer.checks import checked_albedo
 from ..transfer.settings import BOUNCES, SHADOWS, SUN, VOLUME, Settings

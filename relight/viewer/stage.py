@@ -15,6 +15,7 @@ from vtkmodules.vtkRenderingCore import vtkTexture, vtkWindowToImageFilter
 from splat2mesh.scene.drawn import Drawn
 from splat2mesh.scene.scene import Scene
 
+from ..output.sheet import PAPER, grey
 from .camera import Orbit
 from .quick import display_bytes
 from .raster import Raster
@@ -23,7 +24,7 @@ from .splat_painter import SplatPainter
 if TYPE_CHECKING:
     from ..insert.inserts import InsertedLight
 
-BACKDROP = np.array([(19, 20, 22), (37, 38, 42)], np.float32)
+BACKDROP = np.array([PAPER, grey(38)], np.float32)
 """Background of the scene without its sky, bottom and top: sRGB bytes."""
 
 SMOOTH = 2

@@ -11,8 +11,8 @@ from relight.albedo.fitted import FITTED
 from relight.albedo.said import Said
 from relight.light.projections import texel_directions
 from relight.sh import harmonics
-from relight.sh.sphere import fibonacci_sphere
 from relight.transfer.transport import Transport
+from splat2mesh.base.sphere import fibonacci_sphere
 
 pytestmark = pytest.mark.usefixtures("fewer_samples")
 

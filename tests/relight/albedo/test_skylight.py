@@ -8,7 +8,7 @@ from relight import Environment
 from relight.albedo import estimate, skylight
 from relight.albedo.fitted import FITTED
 from relight.light.projections import row_solid_angles, texel_directions
-from relight.sh.sphere import fibonacci_sphere
+from splat2mesh.base.sphere import fibonacci_sphere
 from splat2mesh.scene.measured import CapturedSky
 
 DIRECTIONS = texel_directions(64, 128)

@@ -59,7 +59,7 @@ def test_sun_stands_where_it_should_with_the_energy_it_should(name, elevation_de
 
 def test_disc_covers_its_solid_angle():
     center = np.array([0.48, 0.6, 0.64])
-    radius = np.radians(skies._SUN_RADIUS_DEG)
+    radius = np.radians(skies.SUN_RADIUS_DEG)
     covered = np.sum(skies._disc(DIRECTIONS, center) * AREAS)
     # 16 x 16 samples a texel, on the order of a hundred across the rim: 1%.
     assert covered == pytest.approx(2 * np.pi * (1 - np.cos(radius)), rel=0.01)

@@ -10,13 +10,13 @@ from relight.light import sun_clusters, sun_split
 from relight.light.projections import row_solid_angles, texel_directions
 from relight.light.sun_split import split
 from relight.light.suns import Suns
-from relight.sh.sphere import fibonacci_sphere
 from relight.transfer import sunlight as sunlight_module
 from relight.transfer.occluder import Occluder
 from relight.transfer.raytraced import raytraced
 from relight.transfer.reference import reference
 from relight.transfer.sunlight import sunlight
 from splat2mesh.base.errors import DataWarning, InputError
+from splat2mesh.base.sphere import fibonacci_sphere
 
 EVERY = slice(None)
 HEIGHT, WIDTH = 128, 256

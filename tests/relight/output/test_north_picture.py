@@ -5,7 +5,7 @@ import pytest
 
 from relight.cli import main
 from relight.light.daylight import DaylightRequest
-from relight.output.north_picture import INK, north, north_picture
+from relight.output.north_picture import MARK, north, north_picture
 from splat2mesh.scene.color import luminance
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene
@@ -36,7 +36,7 @@ def test_in_a_picture_from_above_the_tip_of_the_arrow_points_there(north_deg, ti
     scene = floor()
     above = {"eye": [0.0, 4.0, 0.0], "target": [0.0, 0.0, 0.0], "up": [0.0, 0.0, -1.0], "fov_deg": 40.0}
     image = north_picture(scene, scene.colors_linear, north_deg, above)
-    rows, columns = np.nonzero((image == np.uint8(INK)).all(axis=2))
+    rows, columns = np.nonzero((image == np.uint8(MARK)).all(axis=2))
     along = np.stack([columns, rows], axis=1) @ np.array(tip)  # -z is the top of the picture, +x its right
     across = np.stack([columns, rows], axis=1) @ np.array(tip)[::-1]
     assert np.ptp(along) > 2.0 * np.ptp(across)

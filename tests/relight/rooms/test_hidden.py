@@ -7,10 +7,9 @@ import pytest
 
 from relight.engine.relighter import Relighter
 from relight.rooms import hidden, received
-from relight.sh.sphere import fibonacci_sphere
 from relight.transfer.occluder import Frame, Occluder
 from relight.transfer.store import Cache, geometry_key
-from splat2mesh.base.sphere import texel_directions
+from splat2mesh.base.sphere import fibonacci_sphere, texel_directions
 from splat2mesh.scene.measured import SKY_HEIGHT, SKY_WIDTH, CapturedSky, Measured
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene

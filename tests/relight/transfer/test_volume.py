@@ -11,12 +11,12 @@ from relight.engine.relighter import Relighter
 from relight.light.environment import Environment
 from relight.light.suns import Suns
 from relight.planning.sample import Sample
-from relight.sh.sphere import fibonacci_sphere
 from relight.transfer import volume
 from relight.transfer.occluder import Occluder
 from relight.transfer.reference import reference
 from relight.transfer.settings import Settings
 from relight.transfer.volume import Foliage, transmittance
+from splat2mesh.base.sphere import fibonacci_sphere
 from splat2mesh.render import thickness
 from splat2mesh.render.thickness import optical_depth
 from splat2mesh.scene.measured import Measured
