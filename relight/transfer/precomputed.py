@@ -43,6 +43,9 @@ class Precomputed(KeptBounces):
     scene, or None. shown: returns (V,) bool, the vertices whose light is shown; None for all of them.
     """
 
+    sparing = True
+    """Whether rays on whose outcome neighbours agree stay untraced."""
+
     def __init__(self, scene: Scene, *given: Any, **named: Any) -> None:
         """Arguments as of KeptBounces."""
         super().__init__(scene, *given, **named)
@@ -188,7 +191,7 @@ class Precomputed(KeptBounces):
         else:
             occluder = self.occluder
             with self._stages.stage("rays", traced) as advance:
-                visibility = Visibility(occluder, settings.rays, self.seed, mask, advance, sparing=True)
+                visibility = Visibility(occluder, settings.rays, self.seed, mask, advance, self.sparing)
             visibility.name = name
             new, shot = visibility.rays, visibility.shot
         self._visibility = visibility
@@ -213,7 +216,7 @@ class Precomputed(KeptBounces):
             *name,
         )
         if visibility is not None:
-            visibility.name, visibility.sparing = name, True
+            visibility.name, visibility.sparing = name, self.sparing
         return visibility
 
     def _name(self, settings: Settings) -> tuple[str, int, str]:

@@ -15,10 +15,8 @@ from numpy.typing import NDArray
 from splat2mesh.base.arrays import Indices, Mask
 from splat2mesh.base.kernels import kernel
 from splat2mesh.base.threads import in_slices
-from splat2mesh.render.raycaster import RayCaster
-from splat2mesh.scene.scene import Scene
 
-from .occluder import BATCH_RAYS, Occluder
+from .occluder import BATCH_RAYS
 from .sampling import direction, tangents, turned
 
 MARGIN = np.float32(1e-5)
@@ -39,29 +37,6 @@ class Box(NamedTuple):
         low, high = points.min(axis=0) - MARGIN, points.max(axis=0) + MARGIN
         radius = np.float32(np.linalg.norm(high - low)) * np.float32(0.5001) + MARGIN
         return cls(low, high, (low + high) / np.float32(2), radius)
-
-
-class Swept(NamedTuple):
-    """What moved, where it was and where it is. moved: (V,) bool, vertices whose rays begin elsewhere. caster: of the
-    faces, None without any; box: around them."""
-
-    moved: Mask
-    caster: RayCaster | None = None
-    box: Box | None = None
-
-    @classmethod
-    def between(cls, first: Scene, then: Scene, occluders: tuple[Occluder, Occluder]) -> "Swept":
-        """That between two poses of the same vertices, of which some faces may be gone."""
-        pairs = [[each.origins, each.normals] for each in occluders]
-        moved = np.any([(a != b).any(axis=1) for a, b in zip(*pairs, strict=True)], axis=0)
-        shifted = (first.vertices != then.vertices).any(axis=1)
-        faces = [each.faces[shifted[each.faces].any(axis=1)] for each in (first, then)]
-        faces[1] = faces[1] + len(shifted)
-        swept = np.concatenate(faces)
-        if not len(swept):
-            return cls(moved)
-        points = np.concatenate([occluders[0].frame.unit(each.vertices) for each in (first, then)])
-        return cls(moved, RayCaster(points, swept), Box.around(points[np.unique(swept)]))
 
 
 class Hemisphere:

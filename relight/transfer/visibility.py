@@ -19,7 +19,6 @@ from .analytic import analytic
 from .filtering import average, steps_for
 from .neighbors import Neighbors
 from .occluder import BATCH_RAYS, Occluder
-from .reach import Hemisphere, Swept, blocked
 
 
 class Visibility:
@@ -98,17 +97,6 @@ class Visibility:
         self.bits += [self._traced(each, advance) for each in new]
         self.sets += new
 
-    def posed(self, occluder: Occluder, swept: Swept, rays: int) -> "Visibility":
-        """That of the nodes in another pose, with so many rays if there are more. Those that the motion cannot have
-        changed keep what they met, to the bit."""
-        found, count = copy.copy(self), len(self.sets)
-        while count > 1 and count // 2 * self.base >= rays:
-            count //= 2
-        found._begin(occluder, self.base, self.seed)
-        found.sets, found.shot = self.sets[:count], 0
-        found.bits = [found._renewed(*each, swept) for each in zip(found.sets, self.bits, strict=False)]
-        return found
-
     def transfer(self, bands: int) -> Transfer:
         """Transfer of all white vertices in the shadow of everything: (V, K) float32; see `raytraced_scene`.
 
@@ -185,27 +173,6 @@ class Visibility:
                 bits[part][wanted] = np.packbits(self._occluder.occluded(shot), axis=1)
                 self.shot += shot.shape[0] * self.base
             advance(int(copies[part].sum()))
-        return bits
-
-    def _renewed(self, each: tuple[float, float], before: NDArray[np.uint8], swept: Swept) -> NDArray[np.uint8]:
-        """Bits of one set, as they were before, where the motion reaches traced again."""
-        bits, asked = before.copy(), np.zeros_like(before)
-        own = self.traced & (np.bincount(self.neighbors.node, swept.moved, len(bits)) > 0)
-        offsets = self._offsets(each, np.arange(len(bits)))
-        if swept.caster is not None and swept.box is not None:
-            rest = np.flatnonzero(self.traced & ~own)
-            rays = Hemisphere(self._origins, self.normals, self._azimuths, offsets)
-            asked[rest] = blocked(rays, rest, swept.box, swept.caster.occluded, np.zeros_like(bits))
-        asked[own] = 255
-        nodes, batch = np.flatnonzero(asked.any(axis=1)), max(1, BATCH_RAYS // self.base)
-        for start in range(0, len(nodes), batch):
-            part = nodes[start : start + batch]
-            shot = np.zeros((len(part), self.base, 6), np.float32)
-            sampling.shoot_at(self._origins[part], self.normals[part], self._azimuths, offsets[part], shot)
-            wanted, hidden = (np.unpackbits(each[part], axis=1, count=self.base).view(bool) for each in (asked, bits))
-            hidden[wanted] = self._occluder.occluded(shot[wanted])
-            bits[part] = np.packbits(hidden, axis=1)
-            self.shot += int(np.count_nonzero(wanted))
         return bits
 
     def _earlier(self, nodes: Indices) -> consensus.KnownRays | None:
