@@ -53,8 +53,7 @@ if TYPE_CHECKING:
 
     from .gloss.gloss_plan import GlossPlan
     from .insert.insert_plan import InsertPlan
-    from .planning.bounce_plan import BouncePlan
-    from .planning.lamp_plan import LampPlan
+    from .planning.lamp_plan import RayPlan
     from .viewer.request import SessionRequest
 
 
@@ -225,7 +224,7 @@ class RelightPlan(NamedTuple):
     """The result of `plan_relight`.
 
     plan: the Plan of the environment; None without one, or where the splat is not meshed yet. note: what it leaves
-    open, or "". lamps, lamp_bounces: LampPlan and BouncePlan of the added lamps, or None. lamp_count: how many.
+    open, or "". lamps, lamp_bounces: RayPlans of the lamps and of their first bounce, or None. lamp_count: how many.
     lamps_picture: (H, W, 3) uint8, the captured lamps of a closed room with their numbers; None without any. gloss: the
     GlossPlan of the scene; None where nothing is glossy, or before gloss was measured. inserts: the InsertPlan of added
     objects, or None. mirrored_floor: entry of the report for a floor that mirrors in the splats, or None.
@@ -234,13 +233,13 @@ class RelightPlan(NamedTuple):
 
     plan: Plan | None
     note: str
-    lamps: "LampPlan | None" = None
+    lamps: "RayPlan | None" = None
     lamp_count: int = 0
     lamps_picture: NDArray[np.uint8] | None = None
     gloss: "GlossPlan | None" = None
     inserts: "InsertPlan | None" = None
     north_picture: NDArray[np.uint8] | None = None
-    lamp_bounces: "BouncePlan | None" = None
+    lamp_bounces: "RayPlan | None" = None
     mirrored_floor: dict[str, Any] | None = None
 
     def table(self) -> list[str]:

@@ -17,8 +17,8 @@ from splat2mesh.scene.color import luminance
 from ..lamps.emitters import Emitters, emitters_of
 from ..lamps.shapes import Lamp
 from ..lamps.tracing import LitVertices, Ordered, lamplight, ordered
-from ..planning.bounce_plan import BouncePlan, plan_first_bounce
-from ..planning.lamp_plan import LampPlan, plan_lamps
+from ..planning.bounce_plan import plan_first_bounce
+from ..planning.lamp_plan import RayPlan, plan_lamps
 from ..rooms.evenness import Evenness
 from ..rooms.room import AVERAGING_ROUNDS
 from ..transfer.bounces import with_bounces
@@ -83,7 +83,7 @@ class LampLight:
         return self._frame
 
     @cached_property
-    def plan(self) -> LampPlan:
+    def plan(self) -> RayPlan:
         """The number of rays that they need."""
         relighter, beside = self._relighter, self._captured * self._look.irradiance
         more: dict[str, Any] = {"leaf": self._leaf, "least": self._least, "seed": relighter.options.seed}
@@ -91,7 +91,7 @@ class LampLight:
             return plan_lamps(self._receivers, self._emitters, beside, self._tolerance, **more)
 
     @cached_property
-    def bounce_plan(self) -> BouncePlan | None:
+    def bounce_plan(self) -> RayPlan | None:
         """The number of rays that their first bounce needs, for hard shadows; None without bounces or lamps."""
         if not self._bounces or not len(self._emitters.kind):
             return None

@@ -2,7 +2,6 @@
 
 import math
 import time
-from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +9,7 @@ from numpy.typing import NDArray
 from ..transfer.bounces import Interreflection
 from ..transfer.first_bounce import first_bounce
 from ..transfer.occluder import Occluder
-from .lamp_plan import LEAST_LIGHT, SAMPLE
+from .lamp_plan import LEAST_LIGHT, SAMPLE, RayPlan
 
 CHOICES = 64, 128, 256, 512
 
@@ -20,39 +19,6 @@ BRIGHT = 90.0
 the rest of the room is seen, and would hide its noise."""
 
 
-class BouncePlan(NamedTuple):
-    """The rays for the first bounce of placed lamps, with their error and time.
-
-    rays: from each vertex, in place of those of the matrix of bounces; 0 where these are enough. error: of the light
-    that first bounces bring, relative to all light, root mean square over the sample. seconds: for the whole scene.
-    curve: [(seconds, error, rays)], quickest first. within: whether the error keeps to the tolerance.
-    """
-
-    rays: int
-    error: float
-    seconds: float
-    curve: list[tuple[float, float, int]]
-    within: bool
-
-    def as_dict(self) -> dict[str, Any]:
-        """JSON-clean, for the report."""
-        curve = [{"seconds": round(s, 3), "error": round(e, 5), "rays": r} for s, e, r in self.curve]
-        return {
-            "rays": self.rays,
-            "predicted_error": round(self.error, 5),
-            "predicted_seconds": round(self.seconds, 3),
-            "within_tolerance": self.within,
-            "curve": curve,
-        }
-
-    def table(self) -> list[str]:
-        """Lines of text, below those of the lamps."""
-        rays = f"{self.rays} rays from each vertex" if self.rays else "the rays that are there are enough"
-        lines = [f"  first bounce: {rays}; predicted: error {self.error:.2%}; {self.seconds:.2f} s"]
-        lines += [] if self.within else ["  above the tolerance: no number of rays that may be taken keeps to it"]
-        return lines
-
-
 def plan_first_bounce(
     occluder: Occluder,
     sent: NDArray[np.float32],
@@ -60,7 +26,7 @@ def plan_first_bounce(
     beside: NDArray[np.float32],
     tolerance: float,
     seed: int = 0,
-) -> BouncePlan:
+) -> RayPlan:
     """Choose the fewest rays that keep to a tolerance; those of the matrix where they do.
 
     Two independent sets of rays differ by their noise, so no converged reference is traced. That would take 2,048 rays
@@ -90,7 +56,7 @@ def plan_first_bounce(
         if curve[-1][1] <= tolerance:
             break
     seconds, error, rays = curve[-1]
-    return BouncePlan(rays, error, seconds, curve, error <= tolerance)
+    return RayPlan(rays, error, seconds, curve, error <= tolerance)
 
 
 def _square(off: NDArray[np.float32]) -> float:

@@ -35,40 +35,45 @@ MANY_REFERENCE = 64
 LEAST_LIGHT = 1e-9
 
 
-class LampPlan(NamedTuple):
-    """The rays for placed lamps, with their error and time.
+class RayPlan(NamedTuple):
+    """The rays for placed lamps, or for their first bounce, with their error and time.
 
-    rays: for each vertex and lamp in half-shadows. share: of the direct light, theirs. error: relative root mean square
-    of that light, over the sample. seconds: for the whole scene. curve: [(seconds, error, rays)], quickest first.
-    within: whether the error keeps to the tolerance.
+    rays: for each vertex and lamp in half-shadows, or from each vertex in place of those of the matrix of bounces; 0
+    where these are enough. error: of that light, relative to all light, root mean square over the sample. seconds: for
+    the whole scene. curve: [(seconds, error, rays)], quickest first. within: whether the error keeps to the tolerance.
+    share: of the direct light, that of lamps; None of a first bounce.
     """
 
     rays: int
-    share: float
     error: float
     seconds: float
     curve: list[tuple[float, float, int]]
     within: bool = True
+    share: float | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-clean, for the report."""
         curve = [{"seconds": round(s, 3), "error": round(e, 5), "rays": r} for s, e, r in self.curve]
+        share = {} if self.share is None else {"share": round(self.share, 4)}
         return {
             "rays": self.rays,
-            "share": round(self.share, 4),
+            **share,
             "predicted_error": round(self.error, 5),
             "predicted_seconds": round(self.seconds, 3),
             "within_tolerance": self.within,
             "curve": curve,
         }
 
-    def table(self, count: int) -> list[str]:
-        """Lines of text, below those of a plan."""
+    def table(self, count: int = 0) -> list[str]:
+        """Lines of text, below those of a plan. count: of the lamps."""
+        predicted = f"predicted: error {self.error:.2%}; {self.seconds:.2f} s"
+        missed = [] if self.within else ["  above the tolerance: no number of rays that may be taken keeps to it"]
+        if self.share is None:
+            taken = f"{self.rays} rays from each vertex" if self.rays else "the rays that are there are enough"
+            return [f"  first bounce: {taken}; {predicted}", *missed]
         lamps = f"{count} lamp{'s' * (count > 1)}"
         lines = [f"lamps: {lamps}, {self.share:.0%} of the direct light; {self.rays} rays in half-shadows"]
-        lines.append(f"  predicted: error {self.error:.2%}; {self.seconds:.2f} s")
-        lines += [] if self.within else ["  above the tolerance: no number of rays that may be taken keeps to it"]
-        lines += ["  accuracy against time", f"  {'seconds':>9}{'error':>9}"]
+        lines += [f"  {predicted}", *missed, "  accuracy against time", f"  {'seconds':>9}{'error':>9}"]
         for seconds, error, rays in self.curve:
             lines.append(f"  {seconds:9.3f}{error:9.2%}  {rays} rays{' <' * (rays == self.rays)}")
         return lines
@@ -83,7 +88,7 @@ def plan_lamps(
     leaf: NDArray[np.float32] | None = None,
     least: float = 0.0,
     seed: int = 0,
-) -> LampPlan:
+) -> RayPlan:
     """Choose the fewest rays that keep to a tolerance.
 
     occluder, emitters, leaf, least, seed: as of `lamps.tracing.lamplight`, leaf (V,) of all vertices. beside: (V, 3)
@@ -117,7 +122,7 @@ def plan_lamps(
             break
     kept = next((step for step in curve if step[1] <= tolerance), curve[-1])
     share = float(true.sum() / max(float((true + beside).sum()), LEAST_LIGHT))
-    return LampPlan(kept[2], share, kept[1], kept[0], curve, kept[1] <= tolerance)
+    return RayPlan(kept[2], kept[1], kept[0], curve, kept[1] <= tolerance, share)
 
 
 def _blocks(occluder: Occluder, lamps: int, rng: np.random.Generator) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

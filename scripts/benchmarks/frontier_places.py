@@ -28,8 +28,7 @@ from relight.gloss import mirrored
 from relight.gloss.pixels import SurfacePixels
 from relight.jobs.job import Job
 from relight.jobs.writer import Writer
-from relight.planning.bounce_plan import BouncePlan
-from relight.planning.lamp_plan import LampPlan
+from relight.planning.lamp_plan import RayPlan
 from relight.transfer.reference import reference
 from relight.transfer.settings import BOUNCE_TOLERANCE, Settings
 from splat2mesh import convert
@@ -192,8 +191,8 @@ class Place:
 
     def with_rays(self, light, rays, first):
         """(seconds, exit radiance of all vertices) with so many rays, none planned."""
-        light.plan = LampPlan(rays, 1.0, 0.0, 0.0, [])
-        light.bounce_plan = BouncePlan(first, 0.0, 0.0, [], True)
+        light.plan = RayPlan(rays, 0.0, 0.0, [], share=1.0)
+        light.bounce_plan = RayPlan(first, 0.0, 0.0, [])
         seconds, placed = seconds_of(lambda: light.placed)
         return seconds, placed.radiance
 
