@@ -17,7 +17,7 @@ from splat2mesh.base.arrays import Faces, Floats, Mask, Points
 from splat2mesh.base.errors import InputError
 from splat2mesh.render.opacityfield import FieldDepth
 from splat2mesh.render.rasterize import rasterize
-from splat2mesh.render.raycaster import RayCaster
+from splat2mesh.render.raycaster import FREE, RayCaster
 from splat2mesh.scene.chunks import split
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene
@@ -30,7 +30,7 @@ from ..albedo.seen import standing
 from ..transfer.store import Cache, array_key
 from .floor_mirror import FloorMirror, placed
 from .mirrored_places import seen_at
-from .mirrored_room import FREE, views_down
+from .mirrored_room import views_down
 
 COARSE, MOST_EYES = 3, 24
 """Cells along a side of a block that is closed as one, and how many eyes look for blocks. A cell is as wide as the

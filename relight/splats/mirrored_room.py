@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Directions, Faces, Mask, Points
 from splat2mesh.render.rasterize import rasterize
-from splat2mesh.render.raycaster import RayCaster, corner_weights
+from splat2mesh.render.raycaster import FREE, RayCaster, corner_weights
 from splat2mesh.render.view import View
 from splat2mesh.scene.color import linear_from_srgb, luminance
 from splat2mesh.scene.scene import Scene
@@ -28,9 +28,6 @@ they look."""
 
 NEAR = 0.02
 """Near plane of these, in sizes."""
-
-FREE = 0.999
-"""Part of a line of sight that nothing may block."""
 
 THROUGH = 0.3
 """Opacity that Gaussians beneath add to a pixel that sees through the floor."""
