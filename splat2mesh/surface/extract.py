@@ -133,10 +133,10 @@ class Probed(NamedTuple):
         """By PROBES of the views, spread evenly: several may stand at one place and look another way each. Raises
         InputError for hardly any surface."""
         views, near = look.views, look.near
-        rows = np.unique(np.arange(PROBES) * len(views) // PROBES)
+        rows = np.unique(np.arange(PROBES) * len(views) // PROBES)[: len(views)]
         shots = [Sighting.taken(look.splats, views[row].resized(PROBE_PIXELS), near[row]) for row in rows]
-        thickness = np.concatenate([shot.thickness.ravel() for shot in shots])
-        depth = np.concatenate([shot.seen.depth.ravel() for shot in shots])
+        thickness = np.concatenate([[], *(shot.thickness.ravel() for shot in shots)])
+        depth = np.concatenate([[], *(shot.seen.depth.ravel() for shot in shots)])
         thickness, depth = thickness[np.isfinite(thickness)], depth[np.isfinite(thickness)]
         require_surface(len(depth))
         return cls(*(float(np.median(each)) for each in (thickness, thickness / depth, depth)))
