@@ -19,6 +19,7 @@ from splat2mesh.render.view import View
 from splat2mesh.scene.color import linear_from_srgb
 from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.splats import Splats
+from splat2mesh.views.eyes import FOV_DEG
 
 from ..transfer.occluder import Frame, Occluder
 from .surroundings import Sky
@@ -28,9 +29,6 @@ HEIGHT = 256
 
 FACE = 320
 """Side of a face of the cube that is rendered, in pixels, for HEIGHT rows."""
-
-FIELD_DEG = 92.0
-"""Angle of a face: a little over a quarter turn, so that they overlap."""
 
 NEAR = 0.004
 """Near plane, in diagonals of the scene, so that splats at the position itself hide nothing."""
@@ -135,7 +133,7 @@ def _shown(
         forward[number // 2] = 1.0 - 2.0 * (number % 2)
         rows = np.flatnonzero((axis == number // 2) & (side == forward[number // 2]))
         up = np.roll(np.abs(forward), 1)
-        view = View.look_at(place, place + forward, up, FIELD_DEG, face, face)
+        view = View.look_at(place, place + forward, up, FOV_DEG, face, face)
         seen = rasterize(splats, view, NEAR * scene.diagonal / scale)
         x, y, z = view.camera_from_world[:3, :3] @ turned[rows].T
         column, row = view.fx * x / z + view.cx - 0.5, view.fy * y / z + view.cy - 0.5

@@ -18,6 +18,7 @@ from splat2mesh.splats.splats import Splats
 
 from ..albedo.seen import standing as eyes_of
 from ..splats import Binding
+from ..splats.binding import PIXELS
 from ..splats.floor_mirror import FloorMirror
 from ..splats.light_ratio import Usual
 from .gathering import Casting, change_at
@@ -37,8 +38,8 @@ SEEN_CHANGE = 0.01
 RAYS = 96
 """Rays to each object from the vertices of refined triangles."""
 
-VIEWS, PIXELS, AROUND = 16, 256, 3.5
-"""Views of the fit, their side in pixels, and the field around an object that they show, in its radii."""
+VIEWS, AROUND = 16, 3.5
+"""Views of the fit, and the field around an object that they show, in its radii."""
 
 WIDEST_DEG, LEAST_AWAY = 100.0, 1.2
 """Of those views, and their least distance from an object, in its radii."""

@@ -161,9 +161,7 @@ class KnownScene:
         if not self.inputs.read_scene.is_place or self.inputs.splats is None:
             return None
         with self._stages.stage("bind splats"):
-            return floor_mirror(
-                self.inputs.splats[0], self.inputs.read_scene, self._request.lighting.seed, self._read_cache
-            )
+            return floor_mirror(self.inputs.splats[0], self.inputs.read_scene, self._read_cache)
 
     @property
     def mirrored_floor(self) -> dict[str, Any] | None:

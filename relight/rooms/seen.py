@@ -4,11 +4,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.sphere import fibonacci_sphere
+from splat2mesh.render.raycaster import FREE
 
 from ..transfer.occluder import Occluder
-
-SHORT = 0.999
-"""Share of the way to an eye that must be free."""
 
 LOOKS = 256
 """Directions from each eye; those within UPRIGHT of straight up find the ceiling."""
@@ -28,7 +26,7 @@ def seen_from(occluder: Occluder, rows: NDArray[np.int64], eyes: NDArray[np.floa
         left_facing = np.einsum("ij,ij->i", toward, occluder.normals[rows[left]]) > 0.0
         left, toward = left[left_facing], toward[left_facing]
         rays = np.hstack([occluder.origins[rows[left]], toward]).astype(np.float32)
-        seen[left] = ~occluder.occluded(rays, SHORT)
+        seen[left] = ~occluder.occluded(rays, FREE)
     return seen
 
 

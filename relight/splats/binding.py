@@ -38,8 +38,8 @@ LEAST_USE = 0.01
 ROUNDS = 2
 """Rounds of the fit. One gains 0.3 dB on an object and 0.5 to 0.9 on a tabletop, the second less than 0.1."""
 
-EYES, EYE_PIXELS = 8, 256
-"""Of a place: the places to stand from which the fit looks all around, and the side of its views, six from each."""
+EYES = 8
+"""Of a place: the places to stand from which the fit looks all around, six views from each."""
 
 
 class Binding:
@@ -319,7 +319,7 @@ class Binding:
         if len(standing):
             back = np.linalg.inv(np.asarray(scene.scene_from_splat, np.float64))
             eyes = [Eye(back[:3, :3] @ eye + back[:3, 3], self._near) for eye in np.asarray(standing, np.float64)]
-            return around(eyes[:EYES], EYE_PIXELS, up / np.linalg.norm(up))[0]
+            return around(eyes[:EYES], PIXELS, up / np.linalg.norm(up))[0]
         return virtual_views(sketch, VIEWS, PIXELS, up / np.linalg.norm(up), seed)
 
 

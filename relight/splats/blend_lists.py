@@ -9,7 +9,7 @@ from splat2mesh.base.arrays import Integers, Mask
 from splat2mesh.base.kernels import kernel
 from splat2mesh.base.threads import shared
 from splat2mesh.render.footprints import TILE, Footprint, camera_of, footprint_batches
-from splat2mesh.render.rasterize import HALF, MAX_ALPHA, MIN_TRANSMITTANCE, ONE, ZERO, exp_minus_half
+from splat2mesh.render.rasterize import CLOSING_INTERVAL, HALF, MAX_ALPHA, MIN_TRANSMITTANCE, ONE, ZERO, exp_minus_half
 from splat2mesh.render.screentiles import AREA, ScreenTiles
 from splat2mesh.render.view import View
 from splat2mesh.splats.splats import Splats
@@ -26,7 +26,6 @@ LARGEST = np.float32(255)
 SHARES = (np.arange(256, dtype=np.float32) / LARGEST) ** 2
 """The shares that they are."""
 
-CLOSING_INTERVAL = 8  # as of `rasterize`
 
 LIGHT, MEDIAN, PLANES = np.uint64(0), np.uint64(AREA), 2  # what is kept of a tile's pixels while they are walked
 

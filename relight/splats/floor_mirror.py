@@ -1,10 +1,8 @@
 """A polished floor whose reflection was captured as a mirror world: Gaussians below the floor, at the places of images.
 
 Training puts what a floor mirrors where it seems to be. Beneath a level surface that is large and lies below all eyes,
-Gaussians can be many things: a cellar, scatter, a second layer. They are a reflection where three things agree. Their
-places, mirrored at the floor, lie on surfaces above it, better than for other heights of the floor and than after a
-turn about the vertical. What the eyes see through the floor is as bright as what their mirrored rays meet, better than
-after such turns. And it is dimmer than that.
+Gaussians can be many things: a cellar, scatter, a second layer. They are a reflection where what the eyes see through
+the floor follows what their mirrored rays meet, better than after a turn about the vertical, and is dimmer than that.
 """
 
 from collections.abc import Mapping
@@ -15,7 +13,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from splat2mesh.base.arrays import Indices, Points
+from splat2mesh.base.arrays import Indices, Mask, Points
 from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.cleaning import sound
 from splat2mesh.splats.splats import Splats
@@ -30,8 +28,8 @@ floor in three of them, in squared sizes. The size of a place is the median dist
 eye: 0.9 to 1.6 metres in six rooms and gardens."""
 
 BENEATH, DEEP = 0.05, 0.3
-"""Depths below the floor, in sizes: from which Gaussians are not the floor's own, and from which their mirrored
-places say something: those of shallower ones always lie near the floor."""
+"""Depths below the floor, in sizes: from which Gaussians are not the floor's own, and from which they may be images of
+what stands on it."""
 
 LEVELS = 3
 """Level surfaces that are tested. A well captured mirror world has a level one too, the image of the ceiling."""
@@ -45,19 +43,10 @@ SOLID = 0.1
 LEAST_COUNT, LEAST_PART = 300, 0.002
 """Gaussians of depth DEEP, and their part of all: fewer are scatter."""
 
-PLACES = 4000
-"""Gaussians whose mirrored places are compared."""
-
-LEAST_THROUGH = 0.03
-"""Least share of the floor's pixels that see through it."""
-
-AGREEMENT, CLEARER = 0.45, 0.2
-"""Correlation of the luminance of such pixels with that of the surfaces which their mirrored rays meet, and how much
-less it is after any turn. A polished exhibition room has .72, and .41 after a turn; what lies below tables of a lounge
-and a garden .40 and .27 at most."""
-
-WEAKEST, STRONGEST = 0.03, 0.7
-"""Reflectances of a floor. What is as bright as above is no reflection, but another room."""
+AGREEMENT, CLEARER = 0.55, 0.2
+"""Correlation of the luminance of pixels that see through the floor with that of the surfaces which their mirrored rays
+meet, and how much less it is after any turn. A polished exhibition room has .72, and .41 after a turn; what lies below
+tables of a lounge and a garden .42 and .27 at most."""
 
 
 class FloorMirror(NamedTuple):
@@ -99,7 +88,7 @@ def placed(splats: Splats, scene: Scene) -> NDArray[np.float64]:
     return splats.means.astype(np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
 
 
-def floor_mirror(splats: Splats, scene: Scene, seed: int = 0, cache: Cache | None = None) -> FloorMirror | None:
+def floor_mirror(splats: Splats, scene: Scene, cache: Cache | None = None) -> FloorMirror | None:
     """The FloorMirror of a Scene made of these Splats, every row of the source; None where nothing shows one for sure.
 
     An object has none, nor has a place whose eyes are not above a large level surface. cache: of the scene.
@@ -109,30 +98,28 @@ def floor_mirror(splats: Splats, scene: Scene, seed: int = 0, cache: Cache | Non
     if not len(eyes) or not len(scene.faces):
         return None
     matrix = np.asarray(scene.scene_from_splat, np.float64)
-    key = array_key(splats.means, splats.opacities, splats.sh[:, 0], scene.colors_srgb, eyes, matrix), seed
-    kept = None if cache is None else cache.restored(partial(_restored, len(splats)), "floor_mirror", *key)
+    key = array_key(splats.means, splats.opacities, splats.sh[:, 0], scene.colors_srgb, eyes, matrix)
+    kept = None if cache is None else cache.restored(partial(_restored, len(splats)), "floor_mirror", key)
     if kept is None:
-        kept = [_found(splats, scene, eyes, seed)]
+        kept = [_found(splats, scene, eyes)]
         if cache is not None:
-            cache.put("floor_mirror", *key, **({} if kept[0] is None else kept[0]._asdict()))
+            cache.put("floor_mirror", key, **({} if kept[0] is None else kept[0]._asdict()))
     return kept[0]
 
 
-def _found(splats: Splats, scene: Scene, eyes: Points, seed: int) -> FloorMirror | None:
+def _found(splats: Splats, scene: Scene, eyes: Points) -> FloorMirror | None:
     """The same without a cache, of a Scene that eyes stand in."""
     size = float(np.median(scipy.spatial.cKDTree(eyes).query(scene.vertices)[0]))
     shown = sound(splats)
     points = np.where(shown[:, None], placed(splats, scene), 0.0)
     near = np.linalg.norm((points - np.median(eyes, axis=0))[:, [0, 2]], axis=1) < REACH * size
     solid = shown & near & (splats.opacities > SOLID)
-    floors = []
     for normal, offset in _levels(scene, eyes, size):
-        deep = np.flatnonzero(solid & (points @ normal - offset < -DEEP * size))
-        if len(deep) >= max(LEAST_COUNT, LEAST_PART * len(splats)):
-            floors.append((normal, offset, deep))
-    for normal, offset, deep in floors:
-        below = np.flatnonzero(shown & (points @ normal - offset < -BENEATH * size))
-        found = _proven(splats, points, below, _some(deep, seed), _room(scene, normal, offset, eyes, size))
+        deep = solid & (points @ normal - offset < -DEEP * size)
+        if deep.sum() < max(LEAST_COUNT, LEAST_PART * len(splats)):
+            continue
+        below = shown & (points @ normal - offset < -BENEATH * size)
+        found = _proven(splats, points, below, _room(scene, normal, offset, eyes, size))
         if found is not None:
             return found
     return None
@@ -145,31 +132,23 @@ def _room(scene: Scene, normal: NDArray[np.float64], offset: float, eyes: Points
     return MirroredRoom(scene, above, normal, offset, eyes[eyes @ normal > offset + BENEATH * size], size)
 
 
-def _proven(splats: Splats, points: Points, below: Indices, deep: Indices, room: MirroredRoom) -> FloorMirror | None:
-    """The FloorMirror, where all evidence says so. points: (N, 3) of the splats, frame of the scene. below, deep: rows
-    that are not the floor's own, and some whose mirrored places say something."""
-    if not room.above.any() or not room.images(points[deep]):
+def _proven(splats: Splats, points: Points, below: Mask, room: MirroredRoom) -> FloorMirror | None:
+    """The FloorMirror, where the evidence says so. points: (N, 3) of the splats, frame of the scene. below: (N,) bool,
+    those that are not the floor's own."""
+    if not room.above.any():
         return None
-    beneath = np.zeros(len(splats), bool)
-    beneath[below] = True
-    seen = room.seen_through(splats, beneath)
-    if seen.share < LEAST_THROUGH:
-        return None
+    seen = room.seen_through(splats, below)
     agreement = room.agreement(seen)
     turned = max(room.agreement(seen, turn) for turn in range(TURNS))
     if agreement < max(AGREEMENT, turned + CLEARER):
         return None
     own, reflectance = room.parts(seen)
-    if not WEAKEST < reflectance < STRONGEST:
+    if not 0.0 < reflectance < 1.0:
         return None
-    rows = below[room.shown_by_floor(points[below])]
+    rows = np.flatnonzero(below)
+    rows = rows[room.shown_by_floor(points[rows])]
     margin = BENEATH * room.size
     return FloorMirror(rows, room.normal, room.offset, margin, own, reflectance, agreement, turned, seen.share)
-
-
-def _some(rows: Indices, seed: int) -> Indices:
-    """PLACES of the rows, in order."""
-    return rows if len(rows) <= PLACES else np.sort(np.random.default_rng(seed).choice(rows, PLACES, replace=False))
 
 
 def _restored(count: int, arrays: Mapping[str, NDArray[Any]]) -> list[FloorMirror | None]:

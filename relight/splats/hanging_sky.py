@@ -13,7 +13,7 @@ import scipy
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Floats, Indices, Mask, Points, Vector
-from splat2mesh.render.opacitygrid import OpacityGrid
+from splat2mesh.render.opacitygrid import BEFORE, OpacityGrid
 from splat2mesh.splats.splats import Splats
 from splat2mesh.views.viewpoints import bounds_of
 
@@ -35,9 +35,6 @@ surfaces."""
 
 SAMPLED = 20_000
 """Splats whose sizes stand for those of all."""
-
-BEFORE = 0.97
-"""Part of the way to a splat on which a ray that is stopped does not see it."""
 
 GRID_CELLS = 3_000_000
 """Cells of the inner grid that rays march through: a quarter of what finds the places of a capture."""

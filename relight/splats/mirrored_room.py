@@ -1,4 +1,4 @@
-"""What stands above a plane, mirrored at it, against what lies and shows below: the evidence for a mirror world."""
+"""What stands above a plane, mirrored at it, against what shows below: the evidence for a mirror world."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Directions, Faces, Mask, Points
 from splat2mesh.render.rasterize import rasterize
-from splat2mesh.render.raycaster import RayCaster, corner_weights
+from splat2mesh.render.raycaster import FREE, RayCaster, corner_weights
 from splat2mesh.render.view import View
 from splat2mesh.scene.color import linear_from_srgb, luminance
 from splat2mesh.scene.scene import Scene
@@ -19,13 +19,8 @@ from splat2mesh.splats.splats import Splats
 REACH = 6.0
 """Around the eyes, in sizes of the place: how far its floor matters."""
 
-CLOSE, SHIFT, TURNS = 0.04, 0.2, 7
-"""Distance, in sizes, at which a mirrored place counts half as on a surface; the heights, above and below the floor,
-and the number of turns about the vertical that must fit worse."""
-
-CLOSER, CLOSEST = 1.15, 0.22
-"""Factor by which the true plane must fit better than those, and its least mean. A polished exhibition room has 1.28
-and .31; below tables of a lounge and a garden 1.1 to 1.5 and .17 at most."""
+TURNS = 7
+"""Turns about the vertical that must fit worse."""
 
 EYES, SIDES, PIXELS, FIELD_DEG, SLOPE = 6, 3, 64, 80.0, 0.45
 """Of the pictures through the floor: eyes, pictures from each, pixels along a side, field of view, and how far down
@@ -33,9 +28,6 @@ they look."""
 
 NEAR = 0.02
 """Near plane of these, in sizes."""
-
-FREE = 0.999
-"""Part of a line of sight that nothing may block."""
 
 THROUGH = 0.3
 """Opacity that Gaussians beneath add to a pixel that sees through the floor."""
@@ -72,19 +64,6 @@ class MirroredRoom:
     @cached_property
     def _caster(self) -> RayCaster:
         return RayCaster(self.scene.vertices, self._faces)
-
-    def images(self, points: Points) -> bool:
-        """Whether points (N, 3) below lie where images of the surfaces above lie."""
-
-        def closeness(points: Points, shift: float = 0.0) -> float:
-            high = points @ self.normal - self.offset - shift * self.size
-            mirrored = points - 2.0 * high[:, None] * self.normal
-            apart = np.linalg.norm(self._caster.closest(mirrored).points - mirrored, axis=1) / (CLOSE * self.size)
-            return float(np.mean(1.0 / (1.0 + apart * apart)))
-
-        others = [closeness(points, shift) for shift in (-SHIFT, SHIFT)]
-        others += [closeness(self._turned(points, turn)) for turn in range(TURNS)]
-        return closeness(points) > max(CLOSEST, CLOSER * max(others))
 
     def seen_through(self, splats: Splats, below: Mask) -> SeenThrough:
         """What the eyes see of the Splats of the scene that are below the plane, (N,) bool."""

@@ -22,6 +22,9 @@ CELLS, OUTER_CELLS = 12_000_000, 1_500_000
 GROWTH, MOST_LEVELS = 2.0, 7
 """Growth of each further grid's box, and the most grids."""
 
+BEFORE = 0.97
+"""Part of the way to a splat on which a ray that is stopped does not see it."""
+
 SAMPLES = 48
 """Most points that distribute a Gaussian over the cells."""
 

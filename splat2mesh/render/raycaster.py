@@ -7,6 +7,9 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from ..base.meshlibrary import open3d
 
+FREE = 0.999
+"""Part of a line of sight that nothing may block."""
+
 
 class Hits(NamedTuple):
     """The first hits of rays (..., 6).

@@ -1,7 +1,6 @@
-"""The pictures of a place, all in one, and their values at points on its surface: colour, thickness, pixel.
+"""The pictures of a surface, all in one, and their values at points on it: colour, thickness, pixel.
 
-Like `color` for objects; but the tolerance between a point and the rendered surface depends on its distance and on the
-thickness of that surface, and near views count far more than distant ones.
+Near views count far more than distant ones.
 """
 
 from collections.abc import Sequence
@@ -16,11 +15,11 @@ from ..base.kernels import kernel
 from ..base.threads import shared
 from ..render.view import stacked
 from ..scene.color import bytes_from_unit
-from .color import RenderedPicture
 from .sight import LEAST_COSINE, Sighting
 
-TOLERANCE = 0.02
-"""Largest distance of a seen point from the rendered depth, in units of that depth."""
+TOLERANCE, PIXELS_OFF = 0.02, 1.5
+"""Largest distance of a seen point from the rendered depth: of a place in units of that depth, or what its surface is
+thick, of an object in pixels there."""
 
 THINNEST = 0.002
 """Thickness, in units of the distance, below which no picture is trusted more for seeing a thinner surface."""
@@ -40,7 +39,8 @@ class Album(NamedTuple):
 
     poses: (M, 3, 4) float64 camera_from_world. lenses: (M, 4) float64 fx, fy, cx, cy. sizes: (M, 2) int64 height and
     width. starts: (M,) int64 first pixel of each. colors: (P, 3) uint8 sRGB. depth: (P,) float32 camera z, NaN where
-    empty. spread: (P,) float32 along z, thickness: (P,) float32 along the normal, world units.
+    empty. allowed: (P,) float32, how far from that along z a point may lie that is seen. thickness: (P,) float32 along
+    the normal, world units.
     """
 
     poses: NDArray[np.float64]
@@ -49,17 +49,23 @@ class Album(NamedTuple):
     starts: NDArray[np.int64]
     colors: ColorsSrgb
     depth: NDArray[np.float32]
-    spread: NDArray[np.float32]
+    allowed: NDArray[np.float32]
     thickness: NDArray[np.float32]
 
     @classmethod
-    def of(cls, shots: Sequence[Sighting]) -> "Album":
-        """The pictures of some Sightings."""
+    def of(cls, shots: Sequence[Sighting], of_object: bool = False) -> "Album":
+        """The pictures of some Sightings, of a place or an object."""
+
+        def allowed(shot: Sighting) -> NDArray[np.float32]:
+            if of_object:
+                return shot.seen.depth * np.float32(PIXELS_OFF / shot.view.fx)
+            return np.maximum(np.float32(TOLERANCE) * shot.seen.depth, shot.seen.spread)
+
         return cls(
             *stacked([shot.view for shot in shots]),
             np.concatenate([bytes_from_unit(shot.seen.color).reshape(-1, 3) for shot in shots]),
             np.concatenate([shot.seen.depth.ravel() for shot in shots]),
-            np.concatenate([shot.seen.spread.ravel() for shot in shots]),
+            np.concatenate([allowed(shot).ravel() for shot in shots]),
             np.concatenate([shot.thickness.ravel().astype(np.float32) for shot in shots]),
         )
 
@@ -70,17 +76,11 @@ class Album(NamedTuple):
         pixels = parts["sizes"].prod(axis=1)
         return cls(**{**parts, "starts": pixels.cumsum() - pixels})
 
-    @classmethod
-    def from_pictures(cls, pictures: Sequence[RenderedPicture]) -> "Album":
-        """From a list of color.RenderedPicture; how deep a surface reaches is taken from its thickness."""
-        thickness = np.concatenate([picture.thickness.ravel() for picture in pictures])
-        return cls(
-            *stacked([picture.view for picture in pictures]),
-            np.concatenate([picture.color.reshape(-1, 3) for picture in pictures]),
-            np.concatenate([picture.depth.ravel() for picture in pictures]),
-            thickness,
-            thickness,
-        )
+    @property
+    def depths(self) -> list[NDArray[np.float32]]:
+        """The depth of each picture, (H, W)."""
+        parts = np.split(self.depth, self.starts[1:])
+        return [part.reshape(size) for part, size in zip(parts, self.sizes, strict=True)]
 
     def look_up(
         self, points: Points, normals: Directions
@@ -100,7 +100,7 @@ class Album(NamedTuple):
 
     def _deepest(self) -> NDArray[np.float64]:
         """(M,) float64, z behind which no point shows in each picture."""
-        behind = self.depth + np.maximum(TOLERANCE * self.depth.astype(np.float64), self.spread)
+        behind = self.depth.astype(np.float64) + self.allowed
         return np.maximum.reduceat(np.nan_to_num(behind, nan=0.0), self.starts) * (1 + 1e-9)
 
 
@@ -219,7 +219,7 @@ def _look_up_one(i: int, asked: Asked, seers: Indices, album: Album, deepest: Fl
         if not (0 <= u < width and 0 <= v < height):
             continue
         at = album.starts[m] + int(v) * width + int(u)
-        allowed = max(TOLERANCE * depth[at], album.spread[at])
+        allowed = album.allowed[at]
         if not abs(depth[at] - cz) < allowed:
             continue
         # The cosine between the normal and the way back to the eye, both in the camera's frame.

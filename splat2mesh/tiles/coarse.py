@@ -1,16 +1,14 @@
 """Coarse twins of a tile: its occluder for the light of other tiles, and its display mesh from afar.
 
 Quadric decimation keeps the walls of houses best. It leaves trees as thousands of pieces, which it can neither join nor
-drop, and too few of them; merging the vertices of a cell keeps their shade. So both are tried, also in sequence, and
-rays choose the twin whose occlusion is nearest to the tile's.
+drop; merging the vertices of a cell keeps their shade. So what decimation cannot make small is merged.
 """
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from ..base.arrays import Faces, Floats, Indices, Points, Rays
-from ..render.raycaster import RayCaster
+from ..base.arrays import Indices, Points
 from ..scene.mesh import Mesh
 from ..surface.decimate import decimate
 from .lattice import normals_of
@@ -22,17 +20,8 @@ FEW, SHARE = 1_500, 0.06
 """Vertices of the twin that tiles not far away see: as many as of the coarse city, but no more than a share of its own
 and no fewer than a few. A tile of fewer is its own twin."""
 
-MERGED = 6
-"""Vertices that merging leaves to decimation, for each that is wanted."""
-
 ALLOWED = 1.25
-"""A twin of more than so many times the wanted vertices is taken only if none has fewer."""
-
-BUNDLES, RAYS, WIDTH = 48, 400, 0.04
-"""Bundles of parallel rays, the rays of each, and their spread as a share of the longest side of the tile."""
-
-ELEVATIONS_DEG = 3.0, 8.0, 20.0, 45.0
-"""Elevations of the bundles: the lower the sun, the more of the city lies in a tile's shadow."""
+"""Vertices of a twin, over those wanted, from which decimation counts as failed."""
 
 _HALVINGS, _FINEST = 12, 2.0**-20  # of the search for the size of cells, and the least, in longest sides
 
@@ -49,16 +38,11 @@ def coarse(mesh: Mesh, wanted: int) -> Mesh:
     """A Mesh of about so many vertices with the occlusion of the mesh, and the colours of the nearest vertices."""
     if len(mesh.vertices) <= wanted:
         return mesh
-    fine = mesh.vertices.astype(np.float64), mesh.faces
-    merged = merged_in_cells(*fine, MERGED * wanted)
-    twins = [decimate(*fine, wanted), decimate(*merged, wanted), merged_in_cells(*merged, wanted)]
-    twins = [twin for twin in twins if len(twin[1])]
-    if not twins:
+    points, faces = decimate(mesh.vertices.astype(np.float64), mesh.faces, wanted)
+    if not 0 < len(points) <= ALLOWED * wanted:
+        points, faces = merged_in_cells(mesh.vertices.astype(np.float64), mesh.faces, wanted)
+    if not len(faces):
         return mesh
-    few = [twin for twin in twins if len(twin[0]) <= ALLOWED * wanted] or [min(twins, key=lambda twin: len(twin[0]))]
-    rays = _rays(fine[0])
-    hidden = _hidden(fine[0], fine[1], rays)
-    points, faces = min(few, key=lambda twin: float(np.abs(_hidden(twin[0], twin[1], rays) - hidden).mean()))
     nearest = scipy.spatial.cKDTree(mesh.vertices).query(points)[1]
     normals = normals_of(points, faces).astype(np.float32)
     return Mesh(points.astype(np.float32), normals, faces.astype(np.int32), mesh.colors_srgb[nearest])
@@ -98,22 +82,3 @@ def _cells(places: Points, size: float) -> Indices:
     """A number for the cell of each place, (N,) int64."""
     x, y, z = np.floor(places / size).astype(np.int64).T
     return x << 42 | y << 21 | z
-
-
-def _rays(points: Points) -> Rays:
-    """Bundles of parallel rays at places within the bulk of some points, (BUNDLES * RAYS, 6) float32."""
-    rng = np.random.default_rng(0)
-    low, high = np.percentile(points, 2, axis=0), np.percentile(points, 98, axis=0)
-    reach, spread = 3.0 * np.linalg.norm(high - low), WIDTH * float((high - low).max())
-    elevation = np.radians(np.resize(ELEVATIONS_DEG, BUNDLES))
-    azimuth = rng.uniform(0.0, 2.0 * np.pi, BUNDLES)
-    toward = [np.cos(elevation) * np.cos(azimuth), np.sin(elevation), np.cos(elevation) * np.sin(azimuth)]
-    direction = -np.repeat(np.stack(toward, axis=1), RAYS, axis=0)
-    middles = np.repeat(rng.uniform(low, high, (BUNDLES, 3)), RAYS, axis=0)
-    origin = middles + rng.normal(0.0, spread, (BUNDLES * RAYS, 3)) - reach * direction
-    return np.concatenate([origin, direction], axis=1).astype(np.float32)
-
-
-def _hidden(points: Points, faces: Faces, rays: Rays) -> Floats:
-    """The share of each bundle that a mesh hides."""
-    return RayCaster(points, faces).occluded(rays).reshape(BUNDLES, RAYS).mean(axis=1)

@@ -12,7 +12,7 @@ from ..base.arrays import DepthMap, Floats
 from ..render.opacityfield import FieldDepth
 from ..render.view import View
 from ..splats.splats import Splats
-from ..surface.extract import dilated
+from ..surface.extract import PROBE_PIXELS, PROBES, dilated
 from ..surface.place import PLACE
 from ..surface.sight import FusionSight, Sighting
 from ..views.eyes import Eye, around
@@ -20,9 +20,6 @@ from .plan import CARVE, INFLUENCE, RING, CityPlan, grown
 from .stations import stations_of
 from .store import Store
 from .survey import splats_of
-
-PROBES, PROBE_PIXELS = 8, 96
-"""Stations of a tile that measure the fog, and their pixels."""
 
 EXTENT = 3.0
 """Reach of a splat, in units of its largest scale: its opacity is 1/90 there."""

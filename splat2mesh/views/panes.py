@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..base.arrays import Bounds, Mask
-from ..render.opacitygrid import OpacityGrid
+from ..render.opacitygrid import BEFORE, OpacityGrid
 from ..scene.color import CLIPPED_SRGB
 from ..splats.splats import SH_C0, Splats
 from .eyes import Eye
@@ -19,9 +19,6 @@ LEAST_OPEN, LEAST_SKY = 0.9, 0.2
 there. Of the white, opaque splats of a trained parlour 21 of 26 beyond its walls exceed the first, and 14 of 1,776
 within them, which hang in the panes; of two generated lounges all 1,332 outside but 10, and 13 of 1,998 inside. Both
 were chosen on these three; of a trained lounge, held back, they find the windows and neither frames nor lamp."""
-
-BEFORE = 0.97
-"""Part of the way to a splat on which a ray that is stopped does not see it."""
 
 
 def sky_in_panes(splats: Splats, far: Mask, bounds: Bounds, eyes: Sequence[Eye]) -> Mask:

@@ -63,14 +63,12 @@ WANTED_VIEWS = 4
 """Views after which another one of the same cell adds nothing to its coverage."""
 
 SHARP_ENOUGH = 1.5
-"""A candidate is kept when its median fuzziness is at most this many times that of the sharpest tenth."""
+"""A candidate is kept when its median fuzziness is at most this many times that of the sharpest tenth; one
+that shows what no such view does, at most this many times theirs: unseen undersides are fuzzier."""
 
 RESCUE_SHARE, RESCUE_CELLS, SHARP_CELL = 0.25, 4.0, 0.5
 """Views, over those wanted, that may be added for what no sharp view shows, the cells that each of them must add, and
 the sight of a cell that counts there."""
-
-TOLERABLE = 1.5
-"""Largest fuzziness of such a view over that of the sharp ones: unseen undersides are fuzzier."""
 
 CHOICE = 0.75
 """Candidates to choose from, as a multiple of the views wanted: where fewer are sharp, the next sharpest join them."""
@@ -291,7 +289,7 @@ def _cover(coverage: Floats, fuzziness: Floats, count: int) -> list[int]:
         return []
     ranked = np.sort(fuzziness[usable])
     limit = max(SHARP_ENOUGH * np.percentile(ranked, 10), ranked[min(round(CHOICE * count), len(ranked)) - 1])
-    pool, tolerable = usable[fuzziness[usable] <= limit], usable[fuzziness[usable] <= TOLERABLE * limit]
+    pool, tolerable = usable[fuzziness[usable] <= limit], usable[fuzziness[usable] <= SHARP_ENOUGH * limit]
     seen, shown = np.zeros(coverage.shape[1], np.float32), coverage[pool]
     chosen: list[int] = []
     for _ in range(min(count, len(pool))):
