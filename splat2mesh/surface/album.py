@@ -1,6 +1,7 @@
 """The pictures of a surface, all in one, and their values at points on it: colour, thickness, pixel.
 
-Near views count far more than distant ones.
+The tolerance between a point and the rendered surface depends on its distance and on the thickness of that surface, and
+near views count far more than distant ones.
 """
 
 from collections.abc import Sequence
@@ -17,9 +18,8 @@ from ..render.view import stacked
 from ..scene.color import bytes_from_unit
 from .sight import LEAST_COSINE, Sighting
 
-TOLERANCE, PIXELS_OFF = 0.02, 1.5
-"""Largest distance of a seen point from the rendered depth: of a place in units of that depth, or what its surface is
-thick, of an object in pixels there."""
+TOLERANCE = 0.02
+"""Largest distance of a seen point from the rendered depth, in units of that depth."""
 
 THINNEST = 0.002
 """Thickness, in units of the distance, below which no picture is trusted more for seeing a thinner surface."""
@@ -39,8 +39,7 @@ class Album(NamedTuple):
 
     poses: (M, 3, 4) float64 camera_from_world. lenses: (M, 4) float64 fx, fy, cx, cy. sizes: (M, 2) int64 height and
     width. starts: (M,) int64 first pixel of each. colors: (P, 3) uint8 sRGB. depth: (P,) float32 camera z, NaN where
-    empty. allowed: (P,) float32, how far from that along z a point may lie that is seen. thickness: (P,) float32 along
-    the normal, world units.
+    empty. spread: (P,) float32 along z, thickness: (P,) float32 along the normal, world units.
     """
 
     poses: NDArray[np.float64]
@@ -49,23 +48,17 @@ class Album(NamedTuple):
     starts: NDArray[np.int64]
     colors: ColorsSrgb
     depth: NDArray[np.float32]
-    allowed: NDArray[np.float32]
+    spread: NDArray[np.float32]
     thickness: NDArray[np.float32]
 
     @classmethod
-    def of(cls, shots: Sequence[Sighting], of_object: bool = False) -> "Album":
-        """The pictures of some Sightings, of a place or an object."""
-
-        def allowed(shot: Sighting) -> NDArray[np.float32]:
-            if of_object:
-                return shot.seen.depth * np.float32(PIXELS_OFF / shot.view.fx)
-            return np.maximum(np.float32(TOLERANCE) * shot.seen.depth, shot.seen.spread)
-
+    def of(cls, shots: Sequence[Sighting]) -> "Album":
+        """The pictures of some Sightings."""
         return cls(
             *stacked([shot.view for shot in shots]),
             np.concatenate([bytes_from_unit(shot.seen.color).reshape(-1, 3) for shot in shots]),
             np.concatenate([shot.seen.depth.ravel() for shot in shots]),
-            np.concatenate([allowed(shot).ravel() for shot in shots]),
+            np.concatenate([shot.seen.spread.ravel() for shot in shots]),
             np.concatenate([shot.thickness.ravel().astype(np.float32) for shot in shots]),
         )
 
@@ -100,7 +93,7 @@ class Album(NamedTuple):
 
     def _deepest(self) -> NDArray[np.float64]:
         """(M,) float64, z behind which no point shows in each picture."""
-        behind = self.depth.astype(np.float64) + self.allowed
+        behind = self.depth + np.maximum(TOLERANCE * self.depth.astype(np.float64), self.spread)
         return np.maximum.reduceat(np.nan_to_num(behind, nan=0.0), self.starts) * (1 + 1e-9)
 
 
@@ -219,7 +212,7 @@ def _look_up_one(i: int, asked: Asked, seers: Indices, album: Album, deepest: Fl
         if not (0 <= u < width and 0 <= v < height):
             continue
         at = album.starts[m] + int(v) * width + int(u)
-        allowed = album.allowed[at]
+        allowed = max(TOLERANCE * depth[at], album.spread[at])
         if not abs(depth[at] - cz) < allowed:
             continue
         # The cosine between the normal and the way back to the eye, both in the camera's frame.

@@ -164,7 +164,7 @@ def _field(look: Look, effort: Effort, vertices: int, stages: Stages) -> tuple[P
     with stages.stage("merge"):
         look = merged_look(look)
     probed, finest, views = Probed.of(look), FINEST_CELL * look.pixel, look.views
-    sights, album = developed(look, probed, surface_level(probed, look.pixel), stages, of_object=True)
+    sights, album = developed(look, probed, surface_level(probed, look.pixel), stages, SHARP * probed.fog)
     middle = np.mean([view.center for view in views], axis=0)
     with stages.stage("fusion", total=SLABS) as advance:
         points, faces, _ = fuse_adaptively(sights, middle, advance, ENOUGH_WEIGHT)
@@ -178,17 +178,16 @@ def _field(look: Look, effort: Effort, vertices: int, stages: Stages) -> tuple[P
 
 
 def developed(
-    look: Look, probed: Probed, level: float, stages: Stages, of_object: bool = False
+    look: Look, probed: Probed, level: float, stages: Stages, sharp: float = SHARP_IN_PLACE
 ) -> tuple[list[FusionSight], Album]:
-    """What the views of a Look show at a level of opacity, for fusion and as pictures. Raises InputError for hardly
-    any surface."""
-    sharp = SHARP * probed.fog if of_object else SHARP_IN_PLACE
+    """What the views of a Look show at a level of opacity, for fusion and as pictures. sharp: as of `FusionSight.of`.
+    Raises InputError for hardly any surface."""
     sights, pictures = [], []
     with stages.stage("depth maps", total=len(look.views)) as advance:
         for view, plane in zip(look.views, look.near, strict=True):
             shot = Sighting.taken(look.splats, view, plane, level)
             sights.append(FusionSight.of(shot, probed.distance, FINEST_CELL * look.pixel, probed.fog, sharp))
-            pictures.append(Album.of([shot], of_object))
+            pictures.append(Album.of([shot]))
             advance()
     album = Album.joined(pictures)
     require_surface(int(np.isfinite(album.depth).sum()))
@@ -218,7 +217,7 @@ def _sugar(look: Look, effort: Effort, vertices: int, stages: Stages) -> tuple[P
             depth = rendering.depth_median
             thickness = np.where(np.isfinite(depth), np.float32(pixel), np.float32(np.nan))  # unknown: alike everywhere
             seen = FieldDepth(depth, np.zeros_like(color), thickness, color.astype(np.float32), rendering.alpha)
-            pictures.append(Album.of([Sighting(view, seen, thickness)], of_object=True))
+            pictures.append(Album.of([Sighting(view, seen, thickness)]))
             advance()
     points, normals = (np.concatenate([getattr(part, name) for part in found]) for name in ("points", "normals"))
     require_surface(len(points))
