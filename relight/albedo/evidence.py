@@ -112,13 +112,13 @@ class Evidence:
         self._mean_sky = places.sky.mean(axis=0).astype(np.float64)
         cosine = _cosines(places.normals, places.pairs)
         level, slanted = cosine > PARALLEL, (cosine <= PARALLEL) & (cosine > 0.0)
-        near, noise = (places.pairs, places.weights), fitted.difference
+        near, weights, noise = places.pairs, places.weights, fitted.difference
         distant = distant_pairs(places.normals)
-        alike = distant, np.ones(len(distant)), fitted.distant_difference
+        alike, of_slope = np.ones(len(distant)), fitted.parallel_slope
         self._pairs = {
-            "parallel pairs": _Pairs(*(part[level] for part in near), noise, fitted.parallel, fitted.parallel_slope),
-            "slanted pairs": _Pairs(*(part[slanted] for part in near), noise, fitted.slanted, fitted.slanted_slope),
-            "distant pairs": _Pairs(*alike, fitted.distant, fitted.distant_slope),
+            "parallel pairs": _Pairs(near[level], weights[level], noise, fitted.parallel, of_slope),
+            "slanted pairs": _Pairs(near[slanted], weights[slanted], noise, fitted.slanted, fitted.slanted_slope),
+            "distant pairs": _Pairs(distant, alike, fitted.distant_difference, fitted.distant, of_slope),
         }
 
     def direct(self, log_light: NDArray[np.float64]) -> NDArray[np.float64]:

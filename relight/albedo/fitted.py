@@ -11,9 +11,9 @@ class Fitted(NamedTuple):
     """Weights of cues, in nats, and scales of their noise. `fitted.json` holds the values and where they come from.
 
     parallel, slanted: weight of pairs of neighbours whose normals agree, and of those that differ.
-    parallel_slope, slanted_slope: weight against a slope of log colour over log light that is not 1, for each of them.
+    parallel_slope, slanted_slope: weight against a slope of log colour over log light that is not 1, for either.
     difference: of log albedo (RGB), beyond which two neighbours are of two materials.
-    distant, distant_slope, distant_difference: the same of places anywhere whose normals agree.
+    distant, distant_difference: the same of places anywhere whose normals agree.
     sky, sky_noise: weight of the whole upper sky, and its noise in log radiance: bands, tone curve, tint.
     clipped, clipped_level, clipped_noise: the same weight of a clipped sky, its usual log radiance, and its noise.
     albedo, albedo_outdoors: usual median luminance of the albedo of objects, and of soil and plants under a captured
@@ -32,7 +32,6 @@ class Fitted(NamedTuple):
     slanted_slope: float
     difference: float
     distant: float
-    distant_slope: float
     distant_difference: float
     sky: float
     sky_noise: float

@@ -33,7 +33,6 @@ STEPS = {
     "clipped_noise": 1.5,
     "parallel_slope": 4.0,
     "slanted_slope": 4.0,
-    "distant_slope": 4.0,
     "albedo_spread": 1.5,
     "color_spread": 2.0,
 }
