@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Faces, Floats, Mask, Points
 from splat2mesh.base.errors import InputError
-from splat2mesh.render.opacityfield import FieldDepth
 from splat2mesh.render.rasterize import rasterize
 from splat2mesh.render.raycaster import FREE, RayCaster
 from splat2mesh.scene.chunks import split
@@ -23,8 +22,7 @@ from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.cleaning import sound
 from splat2mesh.splats.splats import Splats
-from splat2mesh.surface.album import Album, filled_in
-from splat2mesh.surface.sight import Sighting
+from splat2mesh.surface.color import RenderedPicture, vertex_colors
 
 from ..albedo.seen import standing
 from ..transfer.store import Cache, array_key
@@ -201,12 +199,11 @@ def _colors(
         far[asked[there.occluded(ways, 1.0)]] = np.nan
         depth = (far * (rays @ view.forward)).reshape(PIXELS, PIXELS).astype(np.float32)
         near = mirror.margin / scale
-        shown, flat = rasterize(splats, view, near), np.zeros_like(depth)
-        seen = FieldDepth(depth, np.zeros_like(shown.color), flat, shown.color, shown.alpha)
-        pictures.append(Album.of([Sighting(view, seen, flat)]))
-    places = (points @ back[:3, :3].T + back[:3, 3]).astype(np.float32)
+        color = np.clip(rasterize(splats, view, near).color, 0.0, 1.0)
+        pictures.append(RenderedPicture.from_render(view, color, depth, np.full_like(depth, np.nan)))
+    seen = (points @ back[:3, :3].T + back[:3, 3]).astype(np.float32)
     normals = np.tile((matrix[:3, :3].T @ mirror.normal / scale).astype(np.float32), (len(points), 1))
-    return filled_in(Album.joined(pictures).look_up(places, normals)[0], places)[0]
+    return np.asarray(vertex_colors(seen, normals, pictures)[0], np.uint8)
 
 
 def _restored(arrays: Mapping[str, NDArray[Any]]) -> _Patch:

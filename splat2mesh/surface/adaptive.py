@@ -1,8 +1,7 @@
-"""Depth maps fused into a signed distance field whose cells are as large as the pixels that saw the surface.
+"""Depth maps of a place fused into a signed distance field whose cells are as large as the pixels that saw the surface.
 
-The distance is that to each pixel's tangent plane. The band kept on either side of a surface is as thick as the surface
-looks in each pixel, and cells that a view cannot see are skipped.
-Source: Curless and Levoy, "A Volumetric Method for Building Complex Models from Range Images" (1996).
+Like `fusion` for objects, with an octree instead of equal voxels: the band kept on either side of a surface is as
+thick as the surface looks in each pixel, and cells that a view cannot see are skipped.
 """
 
 from collections.abc import Callable, Sequence
@@ -20,7 +19,7 @@ from .octree import Corners, corners_of, leaves_of, requested_cells
 from .sight import FusionSight, Truncation
 
 ENOUGH_WEIGHT = 0.003
-"""Sum of weights that a corner needs before it takes part in the surface of a place."""
+"""Sum of weights that a corner needs before it takes part in the surface."""
 
 COARSE = 8
 """Pixels along the side of the squares whose deepest pixel decides which points are hidden."""
@@ -36,13 +35,10 @@ SLABS = 24
 
 
 def fuse_adaptively(
-    sights: Sequence[FusionSight],
-    origin: Vector,
-    stage: Callable[[int], None] = lambda count: None,
-    enough: float = ENOUGH_WEIGHT,
+    sights: Sequence[FusionSight], origin: Vector, stage: Callable[[int], None] = lambda count: None
 ) -> tuple[NDArray[np.float64], Faces, Floats]:
     """Fuse Sights: returns world vertices (V, 3) float64, faces (F, 3) int32 and the side of each vertex's cell (V,).
-    origin: (3,) float64 in the middle of them: numbers stay small around it. enough: as ENOUGH_WEIGHT."""
+    origin: (3,) float64 in the middle of the place: numbers stay small around it."""
     finest = min(float(sight.step[sight.weight > 0].min()) for sight in sights if (sight.weight > 0).any())
     larger = 1.0
     while True:
@@ -62,7 +58,7 @@ def fuse_adaptively(
     for part in np.array_split(dealt, SLABS):
         integrate(len(part), corners, part, truncation, maps, values, weights)
         stage(1)
-    vertices, faces, levels = dual_mesh(leaves, corners, values, weights, enough)
+    vertices, faces, levels = dual_mesh(leaves, corners, values, weights, ENOUGH_WEIGHT)
     return vertices * finest + origin, faces, finest * 2.0**levels
 
 

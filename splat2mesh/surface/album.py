@@ -1,7 +1,7 @@
-"""The pictures of a surface, all in one, and their values at points on it: colour, thickness, pixel.
+"""The pictures of a place, all in one, and their values at points on its surface: colour, thickness, pixel.
 
-The tolerance between a point and the rendered surface depends on its distance and on the thickness of that surface, and
-near views count far more than distant ones.
+Like `color` for objects; but the tolerance between a point and the rendered surface depends on its distance and on the
+thickness of that surface, and near views count far more than distant ones.
 """
 
 from collections.abc import Sequence
@@ -16,6 +16,7 @@ from ..base.kernels import kernel
 from ..base.threads import shared
 from ..render.view import stacked
 from ..scene.color import bytes_from_unit
+from .color import RenderedPicture
 from .sight import LEAST_COSINE, Sighting
 
 TOLERANCE = 0.02
@@ -69,11 +70,17 @@ class Album(NamedTuple):
         pixels = parts["sizes"].prod(axis=1)
         return cls(**{**parts, "starts": pixels.cumsum() - pixels})
 
-    @property
-    def depths(self) -> list[NDArray[np.float32]]:
-        """The depth of each picture, (H, W)."""
-        parts = np.split(self.depth, self.starts[1:])
-        return [part.reshape(size) for part, size in zip(parts, self.sizes, strict=True)]
+    @classmethod
+    def from_pictures(cls, pictures: Sequence[RenderedPicture]) -> "Album":
+        """From a list of color.RenderedPicture; how deep a surface reaches is taken from its thickness."""
+        thickness = np.concatenate([picture.thickness.ravel() for picture in pictures])
+        return cls(
+            *stacked([picture.view for picture in pictures]),
+            np.concatenate([picture.color.reshape(-1, 3) for picture in pictures]),
+            np.concatenate([picture.depth.ravel() for picture in pictures]),
+            thickness,
+            thickness,
+        )
 
     def look_up(
         self, points: Points, normals: Directions

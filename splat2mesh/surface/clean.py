@@ -1,6 +1,7 @@
 """From a raw surface to a clean triangle mesh of a wanted size: components, holes, decimation, ragged borders."""
 
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
 
@@ -9,21 +10,31 @@ from ..scene.leaves import connected
 from ..scene.mesh import edge_keys
 
 SMALLEST_COMPONENT = 0.02
-"""Parts of an object with fewer triangles than this share of the largest part's are floaters."""
+"""Connected parts with fewer triangles than this share of the largest part's are floaters and are dropped."""
 
 SMALLEST_FACES = 100
 """Faces of the raw surface of a place below which a part that hangs on nothing is a floater, however large the whole
 is."""
 
 
-def without_floaters(faces: Faces, fixed: Mask, share: float = 0.0) -> tuple[Faces, int]:
-    """Faces without parts of less than SMALLEST_FACES, or less than a share of the largest, and how many parts went.
-    Parts with a `fixed` vertex, (V,) bool, stay: they go on beyond these faces."""
+def drop_small_components(mesh: Any) -> int:
+    """Remove disconnected parts that are small beside the largest one; returns how many were removed."""
+    cluster, sizes, _ = mesh.cluster_connected_triangles()
+    cluster, sizes = np.asarray(cluster), np.asarray(sizes)
+    small = sizes < SMALLEST_COMPONENT * sizes.max(initial=0)
+    mesh.remove_triangles_by_mask(small[cluster])
+    mesh.remove_unreferenced_vertices()
+    return int(small.sum())
+
+
+def without_floaters(faces: Faces, fixed: Mask) -> tuple[Faces, int]:
+    """Faces without parts of less than SMALLEST_FACES, and how many parts went. Parts with a `fixed` vertex, (V,) bool,
+    stay: they go on beyond these faces."""
     if not len(faces):
         return faces, 0
     part = connected(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]]]), len(fixed))
     sizes = np.bincount(part[faces[:, 0]], minlength=int(part.max()) + 1)
-    small = (sizes < (share * sizes.max() if share else SMALLEST_FACES)) & (sizes > 0)
+    small = (sizes < SMALLEST_FACES) & (sizes > 0)
     small[np.unique(part[np.flatnonzero(fixed)])] = False
     return faces[~small[part[faces[:, 0]]]], int(small.sum())
 
@@ -103,9 +114,3 @@ def trim_borders(faces: Faces, seen: Mask) -> Faces:
             break
         faces = faces[~hanging]
     return faces
-
-
-def used_alone(points: Points, faces: Faces) -> tuple[Points, Faces]:
-    """Points and faces without the points that no face has."""
-    used, corners = np.unique(faces, return_inverse=True)
-    return points[used], corners.reshape(-1, 3).astype(np.int32)

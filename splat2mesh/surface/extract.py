@@ -6,26 +6,24 @@ sugar   points on a level of the density field, Poisson: the method of the SuGaR
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from ..base.arrays import Faces, Floats, Points
+from ..base.arrays import Floats
 from ..base.calibration import NOT_RECORDED, Provenance
 from ..base.errors import InputError
 from ..base.progress import Stages
 from ..render.footprints import DILATION as TRAINING_DILATION
-from ..render.opacityfield import FieldDepth
 from ..render.opacitygrid import SCALES_PER_PIXEL
 from ..render.rasterize import rasterize
 from ..render.view import View
 from ..splats.merging import merged
 from ..splats.splats import Splats
 from ..views.viewpoints import bounds_of, near_plane
-from .adaptive import SLABS, fuse_adaptively
-from .album import Album
-from .sight import SHARP as SHARP_IN_PLACE
-from .sight import FusionSight, Sighting
+from .color import RenderedPicture
+from .fusion import PlaneMap, fuse
+from .sight import Sighting
 from .sugar import DensityField, SurfacePoints, poisson, surface_points
 
 
@@ -46,18 +44,11 @@ class LevelCalibration:
 
 LEVEL = LevelCalibration()
 
-PROBES, PROBE_PIXELS = 12, 128
+PROBES, PROBE_PIXELS = 8, 128
 """Views, and their pixels, in which the thickness is measured."""
 
-FINEST_CELL = 0.7
-"""Least side of a cell in training pixels: there is nothing finer in a splat."""
-
-SHARP = 0.5
-"""Spread of an object's surface, over the typical thickness at its distance, at which its weight is halved."""
-
-ENOUGH_WEIGHT = 0.03
-"""Sum of weights that its surface needs: with less, undersides that no camera saw come too; with more, dark gloss
-becomes a sieve."""
+FINEST_VOXEL = 0.5
+"""Smallest voxel in training pixels: there is nothing finer in a splat."""
 
 SPARE_VERTICES = 1.3
 """Vertices of a raw surface over those wanted, where it is made again for a larger mesh."""
@@ -70,19 +61,20 @@ over those of one view."""
 
 @dataclass(frozen=True)
 class Effort:
-    """The amount of work for a surface. views: rendered views, of `pixels` along the longer side. depth: octree levels
-    (sugar). points: surface points aimed at (sugar)."""
+    """The amount of work for a surface. views: rendered views, of `pixels` along the longer side. cells: voxels along
+    the scene's diagonal (field). depth: octree levels (sugar). points: surface points aimed at (sugar)."""
 
     views: int
     pixels: int
+    cells: int
     depth: int
     points: int
 
 
 EFFORTS = {
-    "draft": Effort(views=32, pixels=256, depth=8, points=200_000),
-    "normal": Effort(views=64, pixels=320, depth=9, points=500_000),
-    "fine": Effort(views=96, pixels=448, depth=10, points=1_500_000),
+    "draft": Effort(views=32, pixels=256, cells=224, depth=8, points=200_000),
+    "normal": Effort(views=64, pixels=320, cells=320, depth=9, points=500_000),
+    "fine": Effort(views=96, pixels=448, cells=320, depth=10, points=1_500_000),
 }
 
 
@@ -120,39 +112,25 @@ class Look(NamedTuple):
         return cls(splats, pixel, views, np.full(len(views), near_plane(bounds_of(splats))))
 
 
-class Probed(NamedTuple):
-    """What a few views show of surfaces. thickness: their median one, world units. fog: the median of that over their
-    distance. distance: their median one."""
-
-    thickness: float
-    fog: float
-    distance: float
-
-    @classmethod
-    def of(cls, look: Look) -> "Probed":
-        """By PROBES of the views, spread evenly: several may stand at one place and look another way each. Raises
-        InputError for hardly any surface."""
-        views, near = look.views, look.near
-        rows = np.unique(np.arange(PROBES) * len(views) // PROBES)[: len(views)]
-        shots = [Sighting.taken(look.splats, views[row].resized(PROBE_PIXELS), near[row]) for row in rows]
-        thickness = np.concatenate([[], *(shot.thickness.ravel() for shot in shots)])
-        depth = np.concatenate([[], *(shot.seen.depth.ravel() for shot in shots)])
-        thickness, depth = thickness[np.isfinite(thickness)], depth[np.isfinite(thickness)]
-        require_surface(len(depth))
-        return cls(*(float(np.median(each)) for each in (thickness, thickness / depth, depth)))
-
-
-def surface_level(probed: Probed, pixel: float) -> float:
-    """The opacity at which the surface of a splat lies, by how thick its surfaces are in training pixels.
+def surface_level(look: Look) -> float:
+    """The opacity at which the surface of this splat lies, by how thick its surfaces are in training pixels.
 
     The Gaussians of a thin surface reach in front of it and are crossed early; where they pile up loosely, the surface
     lies nearer to their middle. Calibrated on trained scenes with true meshes: see docs/surface.md.
     """
-    return float(np.interp(probed.thickness / pixel, LEVEL.thicknesses, LEVEL.levels))
+    found: list[Floats] = [np.zeros(0)]
+    for view in look.views[:: max(1, len(look.views) // PROBES)]:
+        shot = Sighting.taken(look.splats, view.resized(PROBE_PIXELS), look.near[0])
+        found.append(shot.thickness.ravel() / look.pixel)
+    thickness = np.concatenate(found)
+    thickness = thickness[np.isfinite(thickness)]
+    if len(thickness) == 0:
+        return LEVEL.levels[1]
+    return float(np.interp(np.median(thickness), LEVEL.thicknesses, LEVEL.levels))
 
 
-def extract(way: str, look: Look, effort: Effort, vertices: int, stages: Stages) -> tuple[Points, Faces, Album]:
-    """The raw surface of what a Look shows: points (V, 3) float64, faces (F, 3) int32, and the pictures of its views.
+def extract(way: str, look: Look, effort: Effort, vertices: int, stages: Stages) -> tuple[Any, list[RenderedPicture]]:
+    """The raw surface of what a Look shows: an open3d TriangleMesh and a picture of each view.
 
     way: one of WAYS. effort: Effort. vertices: size of the mesh that is wanted in the end. stages: Stages.
     Raises InputError when hardly any surface is found.
@@ -160,38 +138,30 @@ def extract(way: str, look: Look, effort: Effort, vertices: int, stages: Stages)
     return (_field if way == "field" else _sugar)(look, effort, vertices, stages)
 
 
-def _field(look: Look, effort: Effort, vertices: int, stages: Stages) -> tuple[Points, Faces, Album]:
+def _field(look: Look, effort: Effort, vertices: int, stages: Stages) -> tuple[Any, list[RenderedPicture]]:
     with stages.stage("merge"):
         look = merged_look(look)
-    probed, finest, views = Probed.of(look), FINEST_CELL * look.pixel, look.views
-    sights, album = developed(look, probed, surface_level(probed, look.pixel), stages, SHARP * probed.fog)
-    middle = np.mean([view.center for view in views], axis=0)
-    with stages.stage("fusion", total=SLABS) as advance:
-        points, faces, _ = fuse_adaptively(sights, middle, advance, ENOUGH_WEIGHT)
-    if len(points) < vertices:
-        # Larger meshes need smaller cells, as far as the splat itself resolves them.
-        smaller = np.float32(np.sqrt(len(points) / (SPARE_VERTICES * vertices)))
-        sights = [replace(each, step=np.maximum(smaller * each.step, np.float32(finest))) for each in sights]
-        with stages.stage("finer fusion", total=SLABS) as advance:
-            points, faces, _ = fuse_adaptively(sights, middle, advance, ENOUGH_WEIGHT)
-    return points, faces, album
-
-
-def developed(
-    look: Look, probed: Probed, level: float, stages: Stages, sharp: float = SHARP_IN_PLACE
-) -> tuple[list[FusionSight], Album]:
-    """What the views of a Look show at a level of opacity, for fusion and as pictures. sharp: as of `FusionSight.of`.
-    Raises InputError for hardly any surface."""
-    sights, pictures = [], []
-    with stages.stage("depth maps", total=len(look.views)) as advance:
-        for view, plane in zip(look.views, look.near, strict=True):
-            shot = Sighting.taken(look.splats, view, plane, level)
-            sights.append(FusionSight.of(shot, probed.distance, FINEST_CELL * look.pixel, probed.fog, sharp))
-            pictures.append(Album.of([shot]))
+    splats, pixel, views, near = look
+    diagonal = float(np.linalg.norm(np.ptp(bounds_of(splats), axis=0)))
+    maps, pictures = [], []
+    level = surface_level(look)
+    with stages.stage("depth maps", total=len(views)) as advance:
+        for view in views:
+            shot = Sighting.taken(splats, view, near[0], level)
+            seen = shot.seen
+            maps.append(PlaneMap.from_depth(view, seen.depth, seen.normal, seen.spread, diagonal / 2))
+            pictures.append(RenderedPicture.from_render(view, seen.color, seen.depth, shot.thickness))
             advance()
-    album = Album.joined(pictures)
-    require_surface(int(np.isfinite(album.depth).sum()))
-    return sights, album
+    _require_surface(sum(int(np.isfinite(picture.depth).sum()) for picture in pictures))
+    voxel = diagonal / effort.cells
+    with stages.stage("fusion", total=len(views)) as advance:
+        mesh = fuse(maps, voxel, advance)
+    found, finest = len(mesh.vertices), FINEST_VOXEL * pixel
+    if found < vertices and finest < voxel:
+        # Larger meshes need smaller voxels, as far as the splat itself resolves them.
+        with stages.stage("finer fusion", total=len(views)) as advance:
+            mesh = fuse(maps, max(finest, voxel * np.sqrt(found / (SPARE_VERTICES * vertices))), advance)
+    return mesh, pictures
 
 
 def merged_look(look: Look) -> Look:
@@ -204,7 +174,7 @@ def merged_look(look: Look) -> Look:
     return look._replace(splats=merged(look.splats.in_spatial_order(), together))
 
 
-def _sugar(look: Look, effort: Effort, vertices: int, stages: Stages) -> tuple[Points, Faces, Album]:
+def _sugar(look: Look, effort: Effort, vertices: int, stages: Stages) -> tuple[Any, list[RenderedPicture]]:
     splats, pixel, views, near = look
     field = DensityField(splats)
     found, pictures = [], []
@@ -214,19 +184,15 @@ def _sugar(look: Look, effort: Effort, vertices: int, stages: Stages) -> tuple[P
             covered = np.isfinite(rendering.depth_median).sum() * len(views)
             found.append(surface_points(field, view, rendering, max(1, int(np.sqrt(covered / effort.points)))))
             color = rendering.color / np.maximum(rendering.alpha, 1e-3)[..., None]
-            depth = rendering.depth_median
-            thickness = np.where(np.isfinite(depth), np.float32(pixel), np.float32(np.nan))  # unknown: alike everywhere
-            seen = FieldDepth(depth, np.zeros_like(color), thickness, color.astype(np.float32), rendering.alpha)
-            pictures.append(Album.of([Sighting(view, seen, thickness)]))
+            thickness = np.where(np.isfinite(rendering.depth_median), pixel, np.nan)  # unknown: alike everywhere
+            pictures.append(RenderedPicture.from_render(view, color, rendering.depth_median, thickness))
             advance()
     points, normals = (np.concatenate([getattr(part, name) for part in found]) for name in ("points", "normals"))
-    require_surface(len(points))
+    _require_surface(len(points))
     with stages.stage("Poisson"):
-        mesh = poisson(SurfacePoints(points, normals), effort.depth)
-    return np.asarray(mesh.vertices), np.asarray(mesh.triangles).astype(np.int32), Album.joined(pictures)
+        return poisson(SurfacePoints(points, normals), effort.depth), pictures
 
 
-def require_surface(points: int) -> None:
-    """Raises InputError for hardly any points of a surface."""
+def _require_surface(points: int) -> None:
     if points < 100:
-        raise InputError(f"only {points} surface points were found: is this a splat of something solid?")
+        raise InputError(f"only {points} surface points were found: is this a splat of a solid object?")

@@ -5,11 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..base.arrays import Mask, Points
-from ..render.view import View
-from .album import Album
-
-DEPTH_TOLERANCE = 0.01
-"""Largest distance of a place from the rendered depth at which that is seen, in units of the mesh's radius."""
+from .color import DEPTH_TOLERANCE, RenderedPicture
 
 SMALLEST = 10.0
 """Border of the smallest opening, in depth tolerances: about 16 pixels of a view. Smaller holes are pinholes."""
@@ -18,25 +14,24 @@ SPOKES = 8
 """Corners of a border, about, half way to which a hole is probed, beside its middle."""
 
 
-def openings(borders: Sequence[Points], views: Sequence[View], album: Album, radius: float) -> Mask:
+def openings(borders: Sequence[Points], pictures: Sequence[RenderedPicture], radius: float) -> Mask:
     """Which holes are openings, (N,) bool: more than half of each one's probes are empty in at least two pictures, and
     in more of them than show a surface there.
 
-    borders: the corners (C, 3) of each hole in order, in the frame of the views. album: their pictures. radius: of the
-    mesh, same unit. A picture that shows something farther away says nothing: that may be the far side of a closed
-    thing.
+    borders: the corners (C, 3) of each hole in order, in the frame of the views. radius: of the mesh, same unit. A
+    picture that shows something farther away says nothing: that may be the far side of a closed thing.
     """
     tolerance, found = DEPTH_TOLERANCE * radius, np.zeros(len(borders), bool)
     lengths = np.array([np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).sum() for corners in borders])
     large = np.flatnonzero(lengths > SMALLEST * tolerance)
-    if not len(large) or not len(views):
+    if not len(large) or not len(pictures):
         return found
     probes = [_probes(borders[hole]) for hole in large.tolist()]
     places, owner = np.concatenate(probes), np.repeat(np.arange(len(large)), [len(each) for each in probes])
     empty, there = np.zeros(len(places), np.int64), np.zeros(len(places), np.int64)
-    for view, picture in zip(views, album.depths, strict=True):
-        shown, pixel, depth = view.shown(places)
-        seen = picture[tuple(pixel)]
+    for picture in pictures:
+        shown, pixel, depth = picture.view.shown(places)
+        seen = picture.depth[tuple(pixel)]
         empty[shown] += np.isnan(seen)
         there[shown] += np.abs(seen - depth) < tolerance
     through = (empty >= 2) & (empty > there)

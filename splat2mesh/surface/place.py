@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ..base.arrays import Faces, Floats, Points, Vector
+from ..base.arrays import Faces, Floats, Indices, Points, Vector
 from ..base.calibration import Provenance
 from ..base.choices import DEFAULT_VERTICES
 from ..base.errors import InputError
@@ -19,12 +19,12 @@ from ..splats.splats import Splats
 from ..views.overhead import MOST_LEAK, Overhead
 from .adaptive import SLABS, fuse_adaptively
 from .album import Album, filled_in
-from .clean import fill_holes, used_alone, without_floaters
+from .clean import fill_holes, without_floaters
 from .decimate import decimate
-from .extract import Look, Probed, developed, dilated, training_pixel
+from .extract import PROBE_PIXELS, Look, dilated, training_pixel
 from .fair import fair
 from .refine import refine_by_color
-from .sight import FusionSight
+from .sight import FusionSight, Sighting
 from .simplify import simplify
 
 
@@ -56,9 +56,18 @@ class PlaceCalibration:
 
 PLACE = PlaceCalibration()
 
+PROBES = 12
+"""Views in which the fog is measured."""
+
+FINEST_CELL = 0.7
+"""Least side of a cell in training pixels: there is nothing finer in a splat."""
+
 SPARE, MOST_VERTICES, SHAPE = 2.5, 400_000, 0.75
 """Where the number of vertices is left to the capture: vertices found for one that is kept, vertices at most, and the
 part of the most that the shape may take, before colours ask for theirs."""
+
+SAMPLED, LEAST_POINTS = 17, 100
+"""Every so many pixels of a depth map count for the typical distance, and how many of these there are at least."""
 
 HOLE_CELLS = 40.0
 """Border of the largest hole that is closed, in cells of its surroundings."""
@@ -80,13 +89,24 @@ def reconstruct_place(
     ceiling: where that is open, views that look up join them. Raises InputError when hardly any surface is found.
     """
     splats, pixel, views, near = look
-    probed = Probed.of(look)
-    level, middle = PLACE.level(probed.fog), np.median([view.center for view in views], axis=0)
-    sights, album = developed(look, probed, level, stages)
+    fog = _fog(splats, views, near)
+    level = PLACE.level(fog)
+    shots = _shots(splats, views, near, level, stages)
+    depths = np.concatenate([shot.seen.depth[np.isfinite(shot.seen.depth)][::SAMPLED] for shot in shots])
+    if len(depths) < LEAST_POINTS:
+        raise InputError(f"only {len(depths)} surface points were found: is this a splat of a place?")
+    distance, centers = float(np.median(depths)), _near_centers(shots)
+    middle = np.median(centers, axis=0)
+
+    def developed(shots: Sequence[Sighting]) -> tuple[list[FusionSight], Album]:
+        return [FusionSight.of(shot, distance, FINEST_CELL * pixel, fog) for shot in shots], Album.of(shots)
+
+    sights, album = developed(shots)
+    del shots
     points, faces, cells = _fused(sights, middle, stages)
     if overhead is not None and overhead.leak(points, faces) > MOST_LEAK:
         more, planes = overhead.views(max(views[0].width, views[0].height))
-        added, pictures = developed(look._replace(views=more, near=planes), probed, level, stages)
+        added, pictures = developed(_shots(splats, more, planes, level, stages))
         views, near = [*views, *more], np.append(near, planes)
         album = Album.joined([album, pictures])
         points, faces, cells = _fused(sights + added, middle, stages)
@@ -96,8 +116,8 @@ def reconstruct_place(
         raise InputError("no surface is left after fusion: is this a splat of a place?")
     with stages.stage("clean"):
         faces, dropped = without_floaters(faces, np.zeros(len(points), bool))
-        cells = cells[np.unique(faces)]
-        points, faces = used_alone(points, faces)
+        used, corners = np.unique(faces, return_inverse=True)
+        points, faces, cells = points[used], corners.reshape(-1, 3).astype(np.int32), cells[used]
     found = len(points)
     wanted = int(np.clip(found / SPARE, DEFAULT_VERTICES, MOST_VERTICES * SHAPE)) if vertices is None else vertices
     with stages.stage("decimate"):
@@ -115,14 +135,51 @@ def reconstruct_place(
         normals = vertex_normals(placed, faces)
         colors, unseen = filled_in(album.look_up(placed, normals)[0], placed)
     counts: dict[str, float] = {"components_dropped": dropped, "holes_filled": filled, "vertices_unseen": unseen}
-    counts |= {"fog": round(probed.fog, 4), "vertices_found": found}
+    counts |= {"fog": round(fog, 4), "vertices_found": found}
     return Mesh(placed, normals, faces, colors), Look(splats, pixel, list(views), near), counts
+
+
+def _shots(splats: Splats, views: Sequence[View], near: Floats, level: float, stages: Stages) -> list[Sighting]:
+    """What views show of splats."""
+    shots = []
+    with stages.stage("depth maps", total=len(views)) as advance:
+        for view, plane in zip(views, near, strict=True):
+            shots.append(Sighting.taken(splats, view, plane, level))
+            advance()
+    return shots
 
 
 def _fused(sights: Sequence[FusionSight], middle: Vector, stages: Stages) -> tuple[Points, Faces, Floats]:
     with stages.stage("fusion", total=SLABS) as advance:
         points, faces, cells = fuse_adaptively(sights, middle, advance)
     return points, faces, cells
+
+
+def _near_centers(shots: Sequence[Sighting]) -> Points:
+    """Where the half of the views that is nearest to what it sees stands, (E, 3): not the views from around."""
+    found = [shot.seen.depth[np.isfinite(shot.seen.depth)] for shot in shots]
+    depths = np.array([np.median(depth) if len(depth) else np.inf for depth in found])
+    return np.array([shot.view.center for shot in shots])[depths <= np.median(depths)]
+
+
+def _fog(splats: Splats, views: Sequence[View], near: Floats) -> float:
+    """Median thickness of the surfaces that views see, over their distance."""
+    found: list[Floats] = [np.zeros(0)]
+    for probe in _probes(views):
+        shot = Sighting.taken(splats, views[probe].resized(PROBE_PIXELS), near[probe])
+        found.append((shot.thickness / shot.seen.depth).ravel())
+    ratios = np.concatenate(found)
+    ratios = ratios[np.isfinite(ratios)]
+    return float(np.median(ratios)) if len(ratios) else 0.0
+
+
+def _probes(views: Sequence[View]) -> Indices:
+    """Indices of the views in which the fog is measured. Where views from around follow the eyes' six each, they are
+    spread evenly: in a fixed step they would all look the same few ways, as many of them up as there happens."""
+    step = max(1, len(views) // PROBES)
+    evenly = np.arange(0, len(views), step)
+    mixed = len({round(view.fx / view.width, 6) for view in views}) > 1
+    return np.arange(PROBES) * len(views) // PROBES if mixed and step > 1 else evenly
 
 
 def parted(mesh: Mesh, center: Vector, radius: float) -> tuple[Mesh, Mesh | None]:

@@ -16,7 +16,7 @@ LEAST_COSINE = 0.05
 at a more grazing one: floors far away are seen no other way."""
 
 SHARP = 0.03
-"""Spread of a place's surface, in units of its distance, at which its weight is halved."""
+"""Spread of a surface, in units of its distance, at which its weight is halved."""
 
 NARROW, WIDE = 2.0, 8.0
 """Cells within which the distance field is kept on either side of the surface: least, and most where it is thick."""
@@ -70,17 +70,15 @@ class FusionSight:
     step: NDArray[np.float32]
 
     @classmethod
-    def of(cls, shot: Sighting, distance: float, finest: float, fog: float, sharp: float = SHARP) -> "FusionSight":
+    def of(cls, shot: Sighting, distance: float, finest: float, fog: float) -> "FusionSight":
         """From a Sighting. distance: typical of the place, world units: what is much farther away counts less. finest:
-        least side of a cell, world units. fog: typical thickness of the surfaces over their distance. sharp: spread at
-        which a weight is halved, in the same unit."""
+        least side of a cell, world units. fog: typical thickness of the surfaces over their distance."""
         view, seen, thickness = shot
         rays = view.ray_directions().astype(np.float32)
         cosine = -(rays * seen.normal).sum(axis=-1) / np.linalg.norm(rays, axis=-1)
         weight = np.maximum(cosine, LEAST_COSINE)
         with np.errstate(invalid="ignore"):
-            blurred, far = seen.spread / (sharp * seen.depth), seen.depth / (2 * distance)
-            weight = weight / (1 + blurred**2) / (1 + far**2)
+            weight = weight / (1 + (seen.spread / (SHARP * seen.depth)) ** 2) / (1 + (seen.depth / (2 * distance)) ** 2)
             pixel = np.float32(max(CELL_PIXELS / view.fx, fog / THICK_CELLS)) * seen.depth
             step = np.maximum(np.clip(thickness / THICK_CELLS, pixel, MOST_THICK * pixel), finest)
         known = np.isfinite(seen.depth) & np.isfinite(seen.spread) & np.isfinite(step)

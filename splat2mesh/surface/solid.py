@@ -6,12 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..base.arrays import Points
 from ..base.errors import DataWarning, InputError
 from ..base.progress import Stages
 from ..scene.mesh import Mesh, vertex_normals
 from ..views.viewpoints import bounds_of
-from .album import filled_in
-from .clean import SMALLEST_COMPONENT, fill_holes, trim_borders, used_alone, without_floaters
+from .album import Album
+from .clean import drop_small_components, fill_holes, trim_borders
+from .color import vertex_colors, vertex_thickness
 from .decimate import decimate
 from .extract import Effort, Look, extract
 from .fair import fair
@@ -55,31 +57,30 @@ def _reconstruct(
 ) -> tuple[Mesh, dict[str, int]]:
     """The Mesh of what a Look shows, in the splats' frame, and counts."""
     splats, pixel, *_ = look
-    points, faces, album = extract(surface, look, effort, vertices, stages)
+    raw, pictures = extract(surface, look, effort, vertices, stages)
     with stages.stage("clean"):
-        faces, dropped = without_floaters(faces, np.zeros(len(points), bool), SMALLEST_COMPONENT)
-        points, faces = used_alone(points, faces)
+        dropped = drop_small_components(raw)
     with stages.stage("decimate"):
-        points, faces = decimate(points, faces, vertices)
+        points: Points
+        points, faces = decimate(np.asarray(raw.vertices), np.asarray(raw.triangles), vertices)
     with stages.stage("fair"):
-        _, thickness, _ = album.look_up(points, vertex_normals(points, faces))
-        faces = trim_borders(faces, np.isfinite(thickness))
-        thickness = thickness[np.unique(faces)]
-        points, faces = used_alone(points, faces)
+        thickness = vertex_thickness(points, vertex_normals(points, faces), pictures, pixel)
+        used, renumbered = np.unique(trim_borders(faces, np.isfinite(thickness)), return_inverse=True)
+        points, faces = points[used], renumbered.reshape(-1, 3).astype(np.int32)
         longest = LONGEST_HOLE * float(np.linalg.norm(np.ptp(bounds_of(splats), axis=0)))
         radius = float(np.linalg.norm(np.ptp(points, axis=0))) / 2 if len(points) else 0.0
         points, faces, filled = fill_holes(
-            points, faces, longest, are_open=lambda borders: openings(borders, look.views, album, radius)
+            points, faces, longest, are_open=lambda borders: openings(borders, pictures, radius)
         )
-        thickness = np.append(thickness, np.full(filled, np.inf))
+        thickness = np.append(thickness[used], np.full(filled, np.inf))
         if len(faces):
             points = fair(points, faces, thickness / pixel, pixel)
-        points = points.astype(np.float32)
+        points, normals = points.astype(np.float32), vertex_normals(points, faces)
     with stages.stage("color"):
         if most and len(faces):
-            points, faces = refine_by_color(points, faces, album, most)
-        normals = vertex_normals(points, faces)
-        colors, unseen = filled_in(album.look_up(points, normals)[0], points)
+            points, faces = refine_by_color(points, faces, Album.from_pictures(pictures), most)
+            normals = vertex_normals(points, faces)
+        colors, unseen = vertex_colors(points, normals, pictures)
     counts = {"components_dropped": dropped, "holes_filled": filled, "vertices_unseen": unseen}
     return Mesh(points, normals, faces, colors), counts
 

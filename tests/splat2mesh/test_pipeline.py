@@ -15,14 +15,12 @@ from splat2mesh import convert
 from splat2mesh.api import plan_mesh as plan
 from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.base.progress import Stages
-from splat2mesh.render.opacityfield import FieldDepth
 from splat2mesh.render.view import View
 from splat2mesh.scene.scene import Scene
 from splat2mesh.scene.sources import describe
 from splat2mesh.splats.formats import write_inria_ply
-from splat2mesh.surface.album import Album
+from splat2mesh.surface.color import RenderedPicture
 from splat2mesh.surface.extract import EFFORTS, Effort
-from splat2mesh.surface.sight import CELL_PIXELS, Sighting
 from splat2mesh.views.upright import UP_CHOICES
 
 VERTICES, LIMIT = 6000, 1500
@@ -55,7 +53,7 @@ def converted(files, stages):
 @pytest.fixture
 def quick(monkeypatch):
     """A detail below draft, for what does not depend on accuracy."""
-    monkeypatch.setitem(EFFORTS, "draft", Effort(views=12, pixels=96, depth=6, points=20_000))
+    monkeypatch.setitem(EFFORTS, "draft", Effort(views=12, pixels=96, cells=80, depth=6, points=20_000))
 
 
 def f_score(found, truth, seen, share):
@@ -186,9 +184,9 @@ def test_up_is_up_whatever_it_was_in_the_file(files, quick):
         assert np.linalg.det(turn) == 1 and found.settings["up"] == up
         inside = found.vertices @ turn  # back in the frame of the file
         boxes.append([inside.min(axis=0), inside.max(axis=0)])
-    # The same object in the file's frame, whichever way the views were turned: to a cell.
-    cell = CELL_PIXELS * np.linalg.norm(np.ptp(boxes[0], axis=0)) / EFFORTS["draft"].pixels
-    np.testing.assert_allclose(boxes, np.broadcast_to(boxes[0], np.shape(boxes)), atol=cell)
+    # The same object in the file's frame, whichever way the views were turned: to half a voxel.
+    voxel = np.linalg.norm(np.ptp(boxes[0], axis=0)) / EFFORTS["draft"].cells
+    np.testing.assert_allclose(boxes, np.broadcast_to(boxes[0], np.shape(boxes)), atol=voxel)
 
 
 def test_broken_rows_are_as_if_they_were_not_there(files, tmp_path, quick):
@@ -254,8 +252,7 @@ def test_a_surface_of_which_nothing_is_left_is_refused(files, quick, monkeypatch
         if kind == "unseen":
             mesh = o3d.geometry.TriangleMesh.create_sphere(1.0, 20)
             mesh.remove_triangles_by_index([100, 101])
-        seen = FieldDepth(depth, np.zeros((8, 8, 3)), depth, np.zeros((8, 8, 3)), depth)
-        return np.asarray(mesh.vertices), np.asarray(mesh.triangles), Album.of([Sighting(view, seen, depth)])
+        return mesh, [RenderedPicture.from_render(view, np.zeros((8, 8, 3)), depth, depth)]
 
     monkeypatch.setattr("splat2mesh.surface.solid.extract", nothing)
     with pytest.raises(InputError, match="no surface is left"):
@@ -265,7 +262,7 @@ def test_a_surface_of_which_nothing_is_left_is_refused(files, quick, monkeypatch
 def test_fog_is_refused(tmp_path, quick):
     fog = plain(np.random.default_rng(0).normal(size=(500, 3)), 0.05, opacity=0.02)
     write_inria_ply(tmp_path / "fog.ply", fog)
-    with pytest.raises(InputError, match="something solid"):
+    with pytest.raises(InputError, match="solid object"):
         convert(tmp_path / "fog.ply", detail="draft")
 
 

@@ -153,7 +153,7 @@ def files(tmp_path_factory):
 def converted(files):
     """The object alone; the object under its dome, cut, and kept; the warnings of the cut."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(EFFORTS, "draft", Effort(views=12, pixels=96, depth=6, points=20_000))
+        patch.setitem(EFFORTS, "draft", Effort(views=12, pixels=96, cells=80, depth=6, points=20_000))
         settings = {"detail": "draft", "vertices": VERTICES}
         found = {"alone": convert(files / "alone.ply", **settings)}
         with pytest.warns(DataWarning) as found["warnings"]:
@@ -211,16 +211,15 @@ def test_keeping_adds_a_shell_at_the_dome_that_faces_inwards(converted):
 
 def quietly_emptied(way, look, effort, vertices, stages):
     """In place of `extract`: a surface for the foreground, an open one that nobody saw for a background."""
-    points, faces, album = extract(way, look, effort, vertices, stages)
+    mesh, pictures = extract(way, look, effort, vertices, stages)
     if len(look.splats) == DOME:
-        mesh = o3d.geometry.TriangleMesh.create_sphere(RADIUS)
-        points, faces = np.asarray(mesh.vertices), np.asarray(mesh.triangles)[len(mesh.triangles) // 2 :]
-        album = album._replace(depth=np.full_like(album.depth, np.nan))
-    return points, faces, album
+        mesh, pictures = o3d.geometry.TriangleMesh.create_sphere(RADIUS), []
+        mesh.remove_triangles_by_index(range(len(mesh.triangles) // 2))
+    return mesh, pictures
 
 
 def test_a_background_without_a_surface_leaves_the_foreground_as_it_is(files, converted, monkeypatch):
-    monkeypatch.setitem(EFFORTS, "draft", Effort(views=12, pixels=96, depth=6, points=20_000))
+    monkeypatch.setitem(EFFORTS, "draft", Effort(views=12, pixels=96, cells=80, depth=6, points=20_000))
     monkeypatch.setattr("splat2mesh.surface.solid.extract", quietly_emptied)
     found = convert(files / "dome.ply", detail="draft", vertices=VERTICES, background="keep")
     np.testing.assert_array_equal(np.unique(found.faces), np.arange(len(found.vertices)))

@@ -18,7 +18,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from splat2mesh.scene.mesh import vertex_normals
-from splat2mesh.surface.clean import SMALLEST_COMPONENT, fill_holes, trim_borders, used_alone, without_floaters
+from splat2mesh.surface.clean import SMALLEST_COMPONENT, drop_small_components, fill_holes, trim_borders
 from splat2mesh.surface.decimate import decimate
 
 
@@ -100,21 +100,17 @@ def test_small_components_are_dropped_and_counted():
     assert len(small[0].triangles) < limit <= len(enough.triangles)
     for part in (*small, enough):
         mesh += part
-    points, faces = arrays(mesh)
-    free = np.zeros(len(points), bool)
-    kept, dropped = without_floaters(faces, free, SMALLEST_COMPONENT)
-    assert dropped == 4
-    points, kept = used_alone(points, kept)
-    assert len(kept) == len(large.triangles) + len(enough.triangles)
-    assert len(points) == len(large.vertices) + len(enough.vertices)
-    assert points[:, 0].max() < 1.01
-    assert without_floaters(kept, np.zeros(len(points), bool), SMALLEST_COMPONENT)[1] == 0
+    assert drop_small_components(mesh) == 4
+    assert len(mesh.triangles) == len(large.triangles) + len(enough.triangles)
+    assert len(mesh.vertices) == len(large.vertices) + len(enough.vertices)
+    assert np.asarray(mesh.vertices)[:, 0].max() < 1.01
+    assert drop_small_components(mesh) == 0
 
 
 def test_an_empty_mesh_stays_empty():
     mesh = o3d.geometry.TriangleMesh()
+    assert drop_small_components(mesh) == 0
     vertices, faces = decimate(*arrays(mesh), 1000)
-    assert without_floaters(faces, np.zeros(0, bool), SMALLEST_COMPONENT)[1] == 0
     assert vertices.shape == faces.shape == vertex_normals(vertices, faces).shape == (0, 3)
     assert trim_borders(faces, np.zeros(0, bool)).shape == (0, 3)
     points, faces, filled = fill_holes(vertices, faces, 1.0)

@@ -26,15 +26,15 @@ from splat2mesh.surface.extract import (
 )
 from splat2mesh.views.viewpoints import even_directions, virtual_views
 
-SMALL = Effort(views=24, pixels=128, depth=6, points=30_000)
+SMALL = Effort(views=24, pixels=128, cells=128, depth=6, points=30_000)
 
 
 def raw_surface(way, kind, count):
     """Vertices and faces of the raw surface in the scene frame, its pictures, and the size of a training pixel."""
     pixel, splats = training_pixel(scene(kind, count)[2]), dilated_splats(kind, count)
     views = capture_views(scene(kind, count)[0], SMALL.views, SMALL.pixels)
-    points, faces, album = extract(way, Look.around(splats, pixel, views), SMALL, 3000, Stages())
-    return points * FLIP, faces, album, pixel
+    mesh, pictures = extract(way, Look.around(splats, pixel, views), SMALL, 3000, Stages())
+    return np.asarray(mesh.vertices) * FLIP, np.asarray(mesh.triangles), pictures, pixel
 
 
 def distances(tracer, points):
@@ -59,13 +59,14 @@ def test_an_object_comes_back_to_a_fraction_of_a_training_pixel(way):
     found = caster_of(vertices, faces).compute_closest_points(o3d.core.Tensor(points.astype(np.float32)))
     cosine = (found["primitive_normals"].numpy() * normals).sum(axis=1)
     assert np.median(cosine) > 0.97 and (cosine > 0).mean() > 0.99
-    assert len(pictures.poses) == SMALL.views
-    assert len(pictures.colors) == len(pictures.depth) == len(pictures.thickness)
-    known = np.isfinite(pictures.thickness)
-    np.testing.assert_array_equal(known, np.isfinite(pictures.depth))
-    assert (pictures.thickness[known] > 0).all()
+    assert len(pictures) == SMALL.views
+    for picture in pictures:
+        assert picture.color.shape == (*picture.depth.shape, 3) and picture.thickness.shape == picture.depth.shape
+        known = np.isfinite(picture.thickness)
+        np.testing.assert_array_equal(known, np.isfinite(picture.depth))
+        assert (picture.thickness[known] > 0).all()
     # Of the order of a training pixel, the thickness that generated splats have; without a field, exactly that.
-    thickness = pictures.thickness[known]
+    thickness = np.concatenate([picture.thickness[np.isfinite(picture.thickness)] for picture in pictures])
     assert 0.5 * pixel < np.median(thickness) < 2 * pixel if way == "field" else (thickness == np.float32(pixel)).all()
 
 
@@ -89,7 +90,7 @@ def test_gaussians_finer_than_the_views_are_merged_and_the_surface_stays():
 def test_a_tabletop_comes_back_where_it_was_seen(way):
     truth, seen, _ = scene("tabletop", 30_000)
     vertices, faces, _, pixel = raw_surface(way, "tabletop", 30_000)
-    voxel = np.linalg.norm(np.ptp(truth.vertices, axis=0)) / SMALL.pixels
+    voxel = np.linalg.norm(np.ptp(truth.vertices, axis=0)) / SMALL.cells
     to_truth = distances(caster(truth), vertices)
     to_found = distances(caster_of(vertices, faces), seen_points(truth, seen)[0])
     # Few small views: what stands close together is joined, and undersides stay open. The rest is as good as above.
@@ -136,7 +137,8 @@ def test_thickness_is_that_of_the_surface_whichever_way_it_is_looked_at(thicknes
     for angle in np.radians([0, 30, 60]):
         eye = 5 * np.array([np.sin(angle), 0, np.cos(angle)])
         look = Look.around(splats, 0.05, [View.look_at(eye, [0, 0, 0], UP, 15.0, 64)])
-        found.append(np.nanmedian(extract("field", look, SMALL, 100, Stages())[2].thickness))
+        (picture,) = extract("field", look, SMALL, 100, Stages())[1]
+        found.append(np.nanmedian(picture.thickness))
     # Between the opacities 0.2 and 0.6 of a stack of Gaussians: a part of their standard deviation.
     np.testing.assert_allclose(found, found[0], rtol=0.15)
     assert 0.3 * thickness < found[0] < 2 * thickness
@@ -147,7 +149,7 @@ def test_nothing_solid_is_refused(way):
     fog = plain(np.random.default_rng(0).normal(size=(500, 3)), 0.05, opacity=0.02)
     ball = discs(even_directions(2000), even_directions(2000), 0.06, 1e-3)
     views = virtual_views(ball, 4, 64, UP)
-    with pytest.raises(InputError, match="something solid"):
+    with pytest.raises(InputError, match="solid object"):
         extract(way, Look.around(fog, 0.01, views), SMALL, 3000, Stages())
 
 
@@ -155,4 +157,4 @@ def test_more_detail_means_more_work():
     draft, normal, fine = (EFFORTS[name] for name in ("draft", "normal", "fine"))
     for less, more in ((draft, normal), (normal, fine)):
         assert less.views < more.views and less.pixels < more.pixels
-        assert less.depth < more.depth and less.points < more.points
+        assert less.cells <= more.cells and less.depth < more.depth and less.points < more.points

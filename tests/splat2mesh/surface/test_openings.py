@@ -3,12 +3,10 @@
 import numpy as np
 import pytest
 
-from splat2mesh.render.opacityfield import FieldDepth
 from splat2mesh.render.view import View
-from splat2mesh.surface.album import Album
 from splat2mesh.surface.clean import fill_holes
-from splat2mesh.surface.openings import DEPTH_TOLERANCE, SMALLEST, openings
-from splat2mesh.surface.sight import Sighting
+from splat2mesh.surface.color import DEPTH_TOLERANCE, RenderedPicture
+from splat2mesh.surface.openings import SMALLEST, openings
 
 RADIUS = 2.0**0.5
 
@@ -26,9 +24,9 @@ def frame(inner: float, count: int = 12) -> tuple[np.ndarray, np.ndarray]:
     return points, np.concatenate(quads).astype(np.int32)
 
 
-def pictures(depth_of) -> tuple[list[View], Album]:
+def pictures(depth_of) -> list[RenderedPicture]:
     """Five views from z = -4, with the frame's depth where they meet it and `depth_of(ways, eye)` inside."""
-    views, found = [], []
+    found = []
     for x, y in ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)):
         eye = np.array([x, y, -4.0])
         view = View.look_at(eye, [0, 0, 0], [0, 1, 0], 50.0, 120)
@@ -37,11 +35,9 @@ def pictures(depth_of) -> tuple[list[View], Album]:
         side = np.abs(met[..., :2]).max(axis=-1)
         frame_depth = -eye[2] / ways[..., 2]  # the rays' own axis component is 1, so this is camera z
         depth = np.where(side > 1, np.nan, np.where(side > 0.5, frame_depth, depth_of(frame_depth)))
-        nothing, none = np.zeros_like(depth), np.zeros((*depth.shape, 3))
-        seen = FieldDepth(depth.astype(np.float32), none, nothing, none, nothing)
-        views.append(view)
-        found.append(Sighting(view, seen, nothing))
-    return views, Album.of(found)
+        nothing = np.zeros_like(depth)
+        found.append(RenderedPicture(view, nothing, depth.astype(np.float32), nothing))
+    return found
 
 
 INSIDE = {
@@ -56,18 +52,18 @@ def test_what_views_see_nothing_through_stays_open(inside, is_open):
     points, faces = frame(1.0)
     seen = pictures(INSIDE[inside])
     filled_points, filled, count = fill_holes(
-        points, faces, 5.0, are_open=lambda borders: openings(borders, *seen, RADIUS)
+        points, faces, 5.0, are_open=lambda borders: openings(borders, seen, RADIUS)
     )
     assert count == (0 if is_open else 1)
     assert len(filled) == len(faces) + (0 if is_open else 48) and len(filled_points) == len(points) + count
 
 
 def test_pinholes_are_none_and_no_picture_says_nothing():
+    seen = pictures(INSIDE["nothing"])
     side = SMALLEST * DEPTH_TOLERANCE * RADIUS / 4
     square = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) / 2
     borders = [0.99 * side * square, 1.01 * side * square, square]
-    views, album = pictures(INSIDE["nothing"])
-    np.testing.assert_array_equal(openings(borders, views, album, RADIUS), [False, True, True])
-    alone = Album(*(part[:1] if len(part) == 5 else part[: 120 * 120] for part in album))
-    np.testing.assert_array_equal(openings(borders, views[:1], alone, RADIUS), False)  # one picture alone may err
-    assert openings([], views, album, RADIUS).shape == (0,)
+    np.testing.assert_array_equal(openings(borders, seen, RADIUS), [False, True, True])
+    np.testing.assert_array_equal(openings(borders, [], RADIUS), False)
+    np.testing.assert_array_equal(openings(borders, seen[:1], RADIUS), False)  # one picture alone may err
+    assert openings([], seen, RADIUS).shape == (0,)

@@ -103,7 +103,7 @@ def converted(tmp_path_factory):
     folder = tmp_path_factory.mktemp("ball")
     write_inria_ply(folder / "ball.ply", solid_ball())
     with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(EFFORTS, "draft", Effort(views=12, pixels=96, depth=6, points=20_000))
+        patch.setitem(EFFORTS, "draft", Effort(views=12, pixels=96, cells=80, depth=6, points=20_000))
         for texture in ("auto", "none"):
             options = ConvertOptions(detail="draft", vertices=500, background="keep", texture=texture)
             convert(folder / "ball.ply", options).save(folder / texture)

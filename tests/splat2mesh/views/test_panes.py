@@ -80,7 +80,7 @@ def meshed(tmp_path_factory):
     """Scenes of that room with a white pane, and without any."""
     folder = tmp_path_factory.mktemp("panes")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(EFFORTS, "draft", Effort(views=12, pixels=96, depth=6, points=20_000))
+        patch.setitem(EFFORTS, "draft", Effort(views=12, pixels=96, cells=80, depth=6, points=20_000))
         patch.setattr(standpoints, "EYES", 4)
         scenes: list[Scene] = []
         splats, (walls, pane, *_) = windowed()
