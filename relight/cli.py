@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from splat2mesh.base.ahead import LIST, compiled_ahead, expect
 from splat2mesh.base.collecting import compile_without_collector, import_without_collector
 from splat2mesh.base.commandline import chosen, several, share
 from splat2mesh.base.console import Display, notify, open_streams, run
@@ -17,7 +16,6 @@ from splat2mesh.base.errors import InputError
 from splat2mesh.base.outputs import check_output
 from splat2mesh.base.progress import Stages
 from splat2mesh.base.requests import given, option_names
-from splat2mesh.cli import KERNELS as MESHING_KERNELS
 from splat2mesh.cli import convert_options, display_options, tiling_options
 
 from .arguments import parser
@@ -30,9 +28,6 @@ from .transfer import METHODS
 
 if TYPE_CHECKING:
     from .jobs.job import Job
-
-KERNELS = Path(__file__).with_name(LIST)
-"""Kernels that the command compiles on its first run."""
 
 LIGHT_STAGES = frozenset(
     {"occluder", "rays", "keep", "transfer", "transfer kept", "bounce rays kept"}
@@ -52,7 +47,7 @@ def main(arguments: list[str] | None = None) -> int:
     open_streams()
     words = parser().parse_args(arguments)
     display = display_options(words)
-    return run(lambda: _command(words, display, arguments is None), display, option_names(parser()))
+    return run(lambda: _command(words, display), display, option_names(parser()))
 
 
 def angles_from(text: str) -> list[float]:
@@ -149,22 +144,13 @@ def _describe_captured_sun(words: argparse.Namespace, light: dict[str, Any], ask
     light["captured_sun"] = " ".join([sun, *(f"{said[name]}={value}" for name, value in given.items())])
 
 
-def _command(words: argparse.Namespace, display: Display, alone: bool) -> tuple[list[str], Any]:
-    """alone: whether this process does nothing else."""
+def _command(words: argparse.Namespace, display: Display) -> tuple[list[str], Any]:
     if "://" not in words.scene and not os.path.exists(words.scene):
         raise InputError(f"{words.scene}: no such scene folder, splat or mesh file")
     request = request_of(words)
     port = getattr(words, "serve", None)
     _check_session(words, port)
-    with compiled_ahead(*(_kernels(words.scene) if alone and not hasattr(words, "plan") else [])):
-        if os.path.isdir(words.scene):
-            expect()
-        return _done(words, request, port, display)
-
-
-def _kernels(scene: str) -> list[Path]:
-    """Lists of the kernels for a scene: for a file those of meshing too."""
-    return [KERNELS] if os.path.isdir(scene) else [MESHING_KERNELS, KERNELS]
+    return _done(words, request, port, display)
 
 
 def _done(

@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
-from .base.ahead import LIST, compiled_ahead
 from .base.collecting import compile_without_collector
 from .base.commandline import Parser, chosen, count
 from .base.completion import add_completion, offer
@@ -39,9 +38,6 @@ DEFAULT_TEXTURE = "auto"
 
 FPS = 24.0
 """Default frames per second of a sequence."""
-
-KERNELS = Path(__file__).with_name(LIST)
-"""Kernels that the command compiles on its first run."""
 
 MESHING_WORDS: dict[str, Iterable[str]] = {
     **{"--from" if name == "stand" else f"--{name}": choices for name, choices in CHOICES.items()},
@@ -178,11 +174,10 @@ def main(arguments: list[str] | None = None) -> int:
     open_streams()
     words = parser().parse_args(arguments)
     display = display_options(words)
-    return run(lambda: _command(words, display, arguments is None), display, option_names(parser()))
+    return run(lambda: _command(words, display), display, option_names(parser()))
 
 
-def _command(words: argparse.Namespace, display: Display, alone: bool) -> tuple[list[str], Any]:
-    """alone: whether this process does nothing else."""
+def _command(words: argparse.Namespace, display: Display) -> tuple[list[str], Any]:
     if not os.path.exists(words.input) and "://" not in words.input:
         raise InputError(f"{words.input}: no such file")
     options, tiling = convert_options(words), tiling_options(words)
@@ -195,8 +190,7 @@ def _command(words: argparse.Namespace, display: Display, alone: bool) -> tuple[
 
         found = info_of(words.input, options)
         return lines_of(found), found
-    with compiled_ahead(*([KERNELS] if alone and not hasattr(words, "plan") else [])):
-        return _meshed(words, display, options, tiling)
+    return _meshed(words, display, options, tiling)
 
 
 def _meshed(

@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .base import ahead
 from .base.arrays import Matrix4, Vector
 from .base.choices import DEFAULT_VERTICES
 from .base.errors import DataWarning, InputError
@@ -68,7 +67,6 @@ def converted(path: str | os.PathLike[str], asked: ConvertOptions, stages: Stage
 def meshed(path: str | os.PathLike[str], capture: Capture, asked: ConvertOptions, stages: Stages) -> Scene:
     """The scene of a Capture, read from a path by the same options. Errors as of `api.convert`."""
     check_proxy(asked.proxy)
-    ahead.expect(ahead.PLACE if capture.standing.eyes else ahead.OBJECT)
     looks = _looks_of(capture, asked, stages)
     surface = _surface_of(capture, asked, looks, stages)
     if capture.far.any() and asked.background == "cut":

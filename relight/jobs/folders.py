@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 from splat2mesh.api import default_folder
-from splat2mesh.base import ahead
 from splat2mesh.base.console import recorded_warnings
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.outputs import check_output
@@ -90,7 +89,6 @@ def relight_files(request: RelightRequest, stages: Stages | None = None) -> Reli
             if shown is not None:
                 discard(shown, Path(default_folder(os.fspath(request.scene))))  # type: ignore[arg-type]
             raise
-        ahead.expect()  # an existing mesh skips meshing, which calls this
         del capture
         return _relit(request, at_hand, stages, messages, notes)
 

@@ -1,6 +1,6 @@
-"""The first run of `splat2mesh`, then of `relight`: with the second process that compiles ahead, and without.
+"""The first run of `splat2mesh`, then of `relight`, which compiles their kernels.
 
-Each run has an empty cache of kernels; the ways alternate. Clock and memory want a quiet machine: the load is printed.
+Each run has an empty cache of kernels. Clock and memory want a quiet machine: the load is printed.
 Memory is the largest sum over the command and what it started, read ten times a second. --warm runs each command once
 more with its cache full.
 """
@@ -14,47 +14,42 @@ import threading
 import time
 from pathlib import Path
 
-from splat2mesh.base.ahead import SWITCH
-
 from .harness import ROOT
 
 QUICK = ["--warm", "--repeats", "1"]
 """On the example room."""
-
-WAYS = {"alone": "0", "ahead": "1"}
 
 
 def arguments(parser):
     parser.add_argument("splat", nargs="?", type=Path, default=ROOT / "examples" / "lounge.sog")
     parser.add_argument("--env", default="sunset", help="light of relight")
     parser.add_argument("--meshing", default="", help="further words for splat2mesh, in one")
-    parser.add_argument("--repeats", type=int, default=2, help="runs of each way")
+    parser.add_argument("--repeats", type=int, default=2, help="runs of each command")
     parser.add_argument("--warm", action="store_true", help="also run with the cache full")
 
 
 def run(options, report):
     table = report.table(
         f"{options.splat.name}, load {os.getloadavg()[0]:.1f}",
-        command="<12", cache="<6", way="<6", clock="7.1f", cpu="7.1f", mb="7.0f", load="7.1f",
+        command="<12", cache="<6", clock="7.1f", cpu="7.1f", mb="7.0f", load="7.1f",
     )  # fmt: skip
     states = ["empty", "full"] if options.warm else ["empty"]
     with tempfile.TemporaryDirectory() as folder:
         for _ in range(options.repeats):
-            for way, switch in WAYS.items():
-                scene, cache = Path(folder) / "scene", Path(folder) / "cache"
-                commands = {
-                    "splat2mesh": [options.splat, "-o", scene, "--overwrite", *options.meshing.split()],
-                    "relight": [scene, "--env", options.env],
-                }
-                for command, words in commands.items():
-                    shutil.rmtree(cache, ignore_errors=True)
-                    for state in states:
-                        for left in (scene / "relit", scene / "cache"):
-                            shutil.rmtree(left, ignore_errors=True)
-                        environment = os.environ | {"NUMBA_CACHE_DIR": str(cache), SWITCH: switch}
-                        clock, cpu, mb = measured([sys.executable, "-m", command, *map(str, words)], environment)
-                        load = os.getloadavg()[0]
-                        table.add(command=command, cache=state, way=way, clock=clock, cpu=cpu, mb=mb, load=load)
+            scene, cache = Path(folder) / "scene", Path(folder) / "cache"
+            commands = {
+                "splat2mesh": [options.splat, "-o", scene, "--overwrite", *options.meshing.split()],
+                "relight": [scene, "--env", options.env],
+            }
+            for command, words in commands.items():
+                shutil.rmtree(cache, ignore_errors=True)
+                for state in states:
+                    for left in (scene / "relit", scene / "cache"):
+                        shutil.rmtree(left, ignore_errors=True)
+                    environment = os.environ | {"NUMBA_CACHE_DIR": str(cache)}
+                    clock, cpu, mb = measured([sys.executable, "-m", command, *map(str, words)], environment)
+                    load = os.getloadavg()[0]
+                    table.add(command=command, cache=state, clock=clock, cpu=cpu, mb=mb, load=load)
 
 
 def measured(line, environment):

@@ -21,7 +21,7 @@ KERNELS = PACKAGES / "splat2mesh" / "render"
 
 def allow_read_only_install() -> None:
     """Switch Numba's cache off, with a DataWarning, if it finds no folder for it. For a command."""
-    if cache_kind() is not None:
+    if any(_writable(folder) for folder in _folders(KERNELS)):
         return
     from numba.core.dispatcher import Dispatcher
 
@@ -34,27 +34,15 @@ def allow_read_only_install() -> None:
     )
 
 
-def cache_kind() -> int | None:
-    """The candidate that Numba takes for its cache, for `cache_folder`; None if none is writable."""
-    return next((kind for kind, folder in enumerate(_folders(KERNELS)) if folder and _writable(folder)), None)
-
-
-def cache_folder(modules: Path, kind: int) -> Path:
-    """The folder of Numba's cache for the modules of a folder."""
-    folder = _folders(modules)[kind]
-    assert folder is not None
-    return folder
-
-
-def _folders(modules: Path) -> list[Path | None]:
-    """Numba's candidates for the cache of a folder of modules, in order; None for one that was not given."""
+def _folders(modules: Path) -> list[Path]:
+    """Numba's candidates for the cache of a folder of modules, in order."""
     given = os.environ.get("NUMBA_CACHE_DIR")
     home = Path("~").expanduser()
     local = os.environ.get("LOCALAPPDATA") or str(home)
     caches = {"darwin": home / "Library/Caches", "win32": Path(local)}
     own = caches.get(sys.platform, Path(os.environ.get("XDG_CACHE_HOME") or str(home / ".cache"))) / "numba"
     name = f"{modules.name}_{hashlib.sha1(str(modules).encode(), usedforsecurity=False).hexdigest()}"
-    return [Path(given) / name if given else None, modules / "__pycache__", own / name]
+    return [*([Path(given) / name] if given else []), modules / "__pycache__", own / name]
 
 
 def _writable(folder: Path) -> bool:
