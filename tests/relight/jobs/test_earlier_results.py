@@ -131,7 +131,7 @@ def asked(**changes):
     fields = {"albedo": "white", "capture_env": None, "exposure_ev": None, "formats": None, "baked": (), "sky": "new"}
     fields |= {"scene": ball_on_plate(), "lighting": LightingOptions(), "angles_deg": (0.0,)}
     fields |= {"texture_size": None, "harmonics": "zero", "lights": ()}
-    plain = {"inserted": (), "only": (), "keep": (), "capture_tint": None, "white_at": None}
+    plain = {"inserted": (), "only": (), "keep": (), "shadow_of_parts": False, "capture_tint": None, "white_at": None}
     return SimpleNamespace(**plain | fields | changes)
 
 
