@@ -34,7 +34,7 @@ def names_of(*requests):
 def test_each_option_of_splat2mesh_is_a_field_and_each_field_an_option():
     fields = names_of(ConvertOptions, TilingOptions, Display)
     options = set(option_names(splat2mesh.cli.parser()))
-    assert options - CALLS - {"output", "overwrite", "info"} == fields - {"tile_splats"}
+    assert options - CALLS - {"output", "overwrite", "info", "sequence", "fps"} == fields - {"tile_splats"}
 
 
 def test_each_option_of_relight_is_a_field_and_each_field_an_option():
