@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
-from splat2mesh.base.choices import check_choice
+from splat2mesh.base.choices import DEFAULT_FPS, check_choice
 from splat2mesh.base.errors import InputError
 from splat2mesh.options import ConvertOptions, TilingOptions
 
@@ -180,7 +180,7 @@ class RelightRequest:
     harmonics: str = "zero"
     splat: str | os.PathLike[str] | None = None
     animated: bool = False
-    fps: float = 24.0
+    fps: float = DEFAULT_FPS
     caching: str = "keep"
     clear_cache: bool = False
     meshing: ConvertOptions = field(default_factory=ConvertOptions)

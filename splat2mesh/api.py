@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from .base.choices import DEFAULT_FPS
 from .base.errors import InputError
 from .base.inputs import is_url
 from .base.outputs import check_output
@@ -138,7 +139,7 @@ def mesh_sequence(
     output: str | os.PathLike[str] | None = None,
     options: ConvertOptions | None = None,
     *,
-    fps: float = 24.0,
+    fps: float = DEFAULT_FPS,
     overwrite: bool = False,
     stages: Stages | None = None,
 ) -> MeshedFiles:

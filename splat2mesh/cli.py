@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
+from .base.choices import DEFAULT_FPS
 from .base.collecting import compile_without_collector
 from .base.commandline import Parser, chosen, count
 from .base.completion import add_completion, offer
@@ -35,9 +36,6 @@ then: relight garden --env stpeters.exr --rotate 45"""
 
 DEFAULT_TEXTURE = "auto"
 """Default texture of the command, for people who look at its output; the library makes one only on request."""
-
-FPS = 24.0
-"""Default frames per second of a sequence."""
 
 MESHING_WORDS: dict[str, Iterable[str]] = {
     **{"--from" if name == "stand" else f"--{name}": choices for name, choices in CHOICES.items()},
@@ -76,7 +74,7 @@ def parser() -> argparse.ArgumentParser:
     sequence = "INPUT is a folder of numbered splats, the frames of a sequence: also write frames/NAME.glb and "
     sequence += "sequence.glb, which plays them"
     add("--sequence", action="store_true", help=sequence)
-    add("--fps", type=float, metavar="N", help=f"frames per second of sequence.glb (default: {FPS:g})")
+    add("--fps", type=float, metavar="N", help=f"frames per second of sequence.glb (default: {DEFAULT_FPS:g})")
     add_tiling(parser)
     add("--overwrite", action="store_true", help="replace an existing scene folder")
     add("--plan", action="store_true", help="print what the command would do, and do nothing")
@@ -212,7 +210,7 @@ def _meshed(
         without_c_functions()
         where, overwrite = (words.input, getattr(words, "output", None), options), hasattr(words, "overwrite")
         if hasattr(words, "sequence"):
-            meshed = mesh_sequence(*where, overwrite=overwrite, stages=stages, fps=getattr(words, "fps", FPS))
+            meshed = mesh_sequence(*where, overwrite=overwrite, stages=stages, fps=getattr(words, "fps", DEFAULT_FPS))
         else:
             meshed = mesh_files(*where, overwrite=overwrite, stages=stages, tiling=tiling)
     finally:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Radiance
+from splat2mesh.base.choices import DEFAULT_FPS
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.outputs import check_output, staged_file, staged_folder
 from splat2mesh.scene.mesh import Mesh
@@ -53,7 +54,7 @@ class FilmRequest:
     film. encoded: make a FILM of the pictures too."""
 
     folder: str | os.PathLike[str]
-    fps: float = 24.0
+    fps: float = DEFAULT_FPS
     overwrite: bool = False
     encoded: bool = True
 

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from splat2mesh.base.choices import DEFAULT_FPS
 from splat2mesh.base.console import peak_mb
 from splat2mesh.base.outputs import staged_folder
 from splat2mesh.base.strictjson import text_of
@@ -100,7 +101,7 @@ class Writer:
         return self._results.shown(shaded)
 
     def film(
-        self, folder: str | os.PathLike[str], fps: float = 24.0, overwrite: bool = False
+        self, folder: str | os.PathLike[str], fps: float = DEFAULT_FPS, overwrite: bool = False
     ) -> tuple[str, dict[str, Any]]:
         """Light every frame of an animated scene into a folder: a note on what is missing, or "", and the report."""
         job = self.job

@@ -29,6 +29,9 @@ FOLIAGE_CHOICES = ("mesh", "cards", "none")
 DEFAULT_VERTICES = 50_000
 """Vertices of an object. A place gets as many as it needs, but no fewer."""
 
+DEFAULT_FPS = 24.0
+"""Frames a second of films and of sequences that play."""
+
 DEFAULT_MAX_VERTICES = 40_000
 """Vertices per chunk: the limit of the Neural-GASh paper."""
 
