@@ -46,6 +46,7 @@ class Window:
         pyvista = load_pyvista(off_screen)
         self.session: Session = session
         self.plotter = pyvista.Plotter(off_screen=off_screen, window_size=list(size), notebook=False, title="relight")
+        self.plotter.render_window.SetMultiSamples(0)  # pictures are smooth; more take OpenGL four times as long
         self._stage, self.note = Stage(self.plotter.renderer, session.scene), ""
         self.panel = Panel(self.plotter.renderer)
         camera = session.scene.preview_camera or default_camera(session.scene, size[0] / size[1])
