@@ -197,6 +197,12 @@ class Relighter:
         given = self.options.captured_sun, self.options.captured_sky, self.options.captured_light
         return Said.read(*given, self.scene.path)
 
+    def under_kept_light(self) -> "Relighter":
+        """The same where nothing is said of the captured light but what the folder of the scene keeps."""
+        other = copy(self)
+        other.said = Said.read(None, None, None, self.scene.path)
+        return other
+
     @property
     def seed(self) -> int:
         """Seed of the ray directions."""

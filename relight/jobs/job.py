@@ -73,6 +73,10 @@ class Job:
         other._metre = self.mix.scale.metre if self.inputs.asked_lamps else None
         return other
 
+    def under_kept_light(self) -> "Job":
+        """The same job as `KnownScene.under_kept_light`."""
+        return Job(self.request, known=self.known.under_kept_light())
+
     def begin(self) -> None:
         """As `KnownScene.begin`."""
         _ = self.known.relighter  # before the light is asked for

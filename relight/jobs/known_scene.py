@@ -63,6 +63,14 @@ class KnownScene:
         other.scene, other.relighter, other.appearance = relighter.scene, relighter, look
         return other
 
+    def under_kept_light(self) -> "KnownScene":
+        """The same under the captured light that the folder of the scene keeps by now."""
+        other = KnownScene(self.inputs)
+        other.scene, other.relighter = self.scene, self.relighter.under_kept_light()
+        if self.inputs.splats is not None:
+            other.binding = self.binding
+        return other
+
     @cached_property
     def scene(self) -> Scene:
         """The scene to light, with a mirrored floor closed."""

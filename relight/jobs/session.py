@@ -55,13 +55,16 @@ def session_of(job: Job) -> SessionRequest:
     if job.inputs.options.opened is not None:
         return request
     relighter, splats = job.known.relighter, job.inputs.splats
+    settable = can_be_set(job.known.appearance, relighter)
+    estimated = settable and job.request.capture_env is None
     return replace(
         request,
         cache=relighter.cache,
         splats=None if splats is None else _splats(job, splats[0], request.mixture),
         lamp_source=source,
         object_source=_object_source(job) if job.inputs.asked_inserts else None,
-        hand_source=_hand_source(job) if can_be_set(job.known.appearance, relighter) else None,
+        hand_source=_hand_source(job) if settable else None,
+        under_kept_light=(lambda: session_of(job.under_kept_light())) if estimated else None,
     )
 
 

@@ -80,7 +80,8 @@ def _header(
             raise InputError(f"{name} is of an unknown kind: convert it to 32-bit_rle_rgbe or OpenEXR")
     if not (np.isfinite(exposure).all() and (exposure > 0.0).all()):
         raise InputError(f"{name} {_DAMAGED}: its exposure is {exposure.tolist()}")
-    return exposure, primaries, *_size(data, start, name)
+    stated = primaries if primaries and any(primaries) else None  # Photoshop writes zeros
+    return exposure, stated, *_size(data, start, name)
 
 
 def _entries(data: bytes, name: object) -> tuple[list[tuple[bytes, bytes]], int]:

@@ -15,6 +15,7 @@ from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
 from ..albedo.by_hand import HandLight, SkyAndSun, sun_through
 from ..engine.by_hand import LightByHand
 from ..output.offered_lights import light_map
+from .request import SessionRequest
 from .sources import HandSource
 from .worker import in_words
 
@@ -33,9 +34,11 @@ class HandBench:
     message: the text to show, or "". kept: the Setting that was written last, or None.
     """
 
-    def __init__(self, source: HandSource) -> None:
-        self.source, self.message = source, ""
+    def __init__(self, source: HandSource, under_kept_light: Callable[[], SessionRequest] | None = None) -> None:
+        """under_kept_light: as of SessionRequest."""
+        self.source, self.message, self._under_kept_light = source, "", under_kept_light
         self.kept: Setting | None = None
+        self._relit: Future[SessionRequest] | None = None
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="captured light")
         self._lights: LightByHand | None = None
         self._now: Setting | None = None
@@ -135,7 +138,19 @@ class HandBench:
             return None
         path = self._lights.keep(*self._now)
         self.kept = self._now
+        if self._under_kept_light is not None:
+            self._relit = self._thread.submit(self._under_kept_light)
         return path
+
+    def relit(self) -> SessionRequest | None:
+        """The request of the scene under the light that was kept, once: None before it is there."""
+        if self._relit is None or not self._relit.done():
+            return None
+        done, self._relit = self._relit, None
+        error = done.exception()
+        if error is not None:
+            self.message = in_words(error)
+        return None if error is not None else done.result()
 
     def colors(self, before: Callable[[], NDArray[np.uint8]]) -> NDArray[np.uint8]:
         """The albedo as sRGB bytes, (V, 3) uint8; `before` it is ready what that returns."""
@@ -174,6 +189,8 @@ class HandBench:
             return PREPARING
         if not self.settled:
             return "sharp shadows when the light rests"
+        if self._relit is not None:
+            return "kept: the scene is being relit"
         return "kept: commands use it" if self.kept == self._now else "press 0 to keep it"
 
     def close(self) -> None:

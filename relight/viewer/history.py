@@ -41,6 +41,11 @@ class Timeline:
         """The present state of a thing."""
         return self._states[self._at][name]
 
+    def follow(self, other: "Timeline") -> None:
+        """Take over the states of another, whose things have the same names."""
+        self._states, self._at, self._merging = list(other._states), other._at, None
+        self.changed()
+
     def to(self, name: str, state: Any, merge: Hashable = None) -> None:
         """Change the state of a thing. merge: changes of it in a row that share it are undone as one."""
         key, changed = None if merge is None else (name, merge), {**self._states[self._at], name: state}

@@ -84,6 +84,10 @@ class LampBoard:
         """Whether the lamps differ from those at the start, or those saved last."""
         return self.state.lamps != self._saved.lamps
 
+    def follow(self, other: "LampBoard") -> None:
+        """Number lamps as another does whose timeline was taken over, with the same lamp selected."""
+        self._next, self._selected, self._saved = other._next, other._selected, other._saved
+
     def select(self, number: int | None) -> None:
         """Select a lamp, or none. Raises InputError for an unknown number."""
         if number is not None:

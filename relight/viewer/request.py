@@ -1,7 +1,7 @@
 """The requests for a session and for a turntable film, each as one frozen value. Imports nothing heavy."""
 
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any
 
@@ -55,6 +55,8 @@ class SessionRequest:
         Lights inserted objects.
     hand_source : HandSource, optional
         Sets the captured light by hand.
+    under_kept_light : callable, optional
+        Returns the request of the scene under the captured light that a hand has set and kept. Called in a thread.
     splats : SplatSource, optional
         The splats of the scene, relit and shown instead of the mesh.
     """
@@ -74,6 +76,7 @@ class SessionRequest:
     object_source: "ObjectSource | None" = None
     hand_source: "HandSource | None" = None
     splats: "SplatSource | None" = None
+    under_kept_light: "Callable[[], SessionRequest] | None" = None
 
     @classmethod
     def of(

@@ -75,7 +75,7 @@ class Session:
             self.lamps = LampBoard(source.asked, source.captured, self.timeline, source.scale, source.command)
             self.bench = LampBench(source, self.lamps, asked.mixture)
         self.objects = None if asked.object_source is None else ObjectBench(asked.object_source, self.timeline)
-        self.hand = None if asked.hand_source is None else HandBench(asked.hand_source)
+        self.hand = None if asked.hand_source is None else HandBench(asked.hand_source, asked.under_kept_light)
         self.splats = None if asked.splats is None else RelitSplats(asked.splats)
         self._given_exposure = asked.exposure
         self._exposures: dict[tuple[str | None, str], float] = {}
@@ -86,7 +86,7 @@ class Session:
         options, effects = asked.lighting, asked.lighting.chosen_effects
         options = replace(options, tolerance=None, budget_s=None)  # every wish brings its own tolerance
         working = worker(SessionScene(scene, self.environments, self.albedos, options, asked.cache))
-        self.answers = Answers(working, self._wish(effects), effects)
+        self.answers, self._worker = Answers(working, self._wish(effects), effects), worker
         self.answers.ask()
         prepare()
         self.change(**asked.state or {})
@@ -115,6 +115,20 @@ class Session:
                     changed.reset()
         if self.hand is not None:
             self.set_hand(HandBench.reset)
+
+    def anew(self, asked: SessionRequest) -> "Session":
+        """A session of another request for the same scene, with the settings of this one."""
+        found = Session(asked, self._worker, self.clock)
+        found.follow(self)
+        return found
+
+    def follow(self, other: "Session") -> None:
+        """Take over what the user set in another session of the same scene, but for its captured light."""
+        if self.lamps is not None and other.lamps is not None:
+            self.lamps.follow(other.lamps)
+        self.timeline.follow(other.timeline)
+        kept = {field.name: getattr(other.state, field.name) for field in fields(State)}
+        self.change(**kept | {"by_hand": False, "split": False})
 
     def set_hand(self, change: Callable[[HandBench], None]) -> None:
         """Change the captured light that a hand sets; nothing in a session without. Raises what the change raises."""

@@ -55,6 +55,7 @@ class Window:
         self._home = self.orbit = orbit.in_window(size[0] / size[1], bars, session.scene.is_place)
         self._open, self._resting = True, False
         self._recording: Recording | None = None
+        self._coming: Session | None = None  # in a captured light that was kept
         self.mouse: Mouse = Mouse(self)
         self._drawn: tuple | None = None
         self._sky: tuple[int, float] | None = None
@@ -119,6 +120,7 @@ class Window:
 
         Return whether it drew one.
         """
+        self._renew()
         session, now = self.session, self.session.clock()
         session.poll()
         if session.state.turning and self._recording is None:
@@ -146,6 +148,27 @@ class Window:
             return False
         self.plotter.render_window.Render()
         return True
+
+    def _renew(self) -> None:
+        """Show the scene under a captured light that was kept, as soon as it is lit."""
+        old, asked = self.session, None if self.session.hand is None else self.session.hand.relit()
+        if asked is not None:
+            self._drop_coming()
+            self._coming = old.anew(asked)
+        if self._coming is None or self._recording is not None:
+            return
+        self._coming.poll()
+        if self._coming.answers.light is not None or self._coming.failure:
+            self.session, self._coming = self._coming, None
+            self.session.follow(old)
+            old.close()
+            self._drawn = self._sky = None
+            self.note = "relit under the captured light that you kept"
+
+    def _drop_coming(self) -> None:
+        if self._coming is not None:
+            self._coming.close()
+        self._coming = None
 
     def finish(self, timeout: float = 600.0) -> None:
         """Wait until the picture is complete, and draw it with smooth edges."""
@@ -222,6 +245,7 @@ class Window:
         if self._recording is not None:
             self._recording.stop("the window was closed")
         self.mouse.lamps.leave()
+        self._drop_coming()
         self.session.close()
         self.plotter.close()
 

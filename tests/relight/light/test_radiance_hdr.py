@@ -60,10 +60,19 @@ def test_primaries_are_converted_to_srgb(space):
         np.testing.assert_allclose(decode(marked, "a"), whole, atol=1e-4)  # the line has five digits
 
 
-@pytest.mark.parametrize("line", [b"0 0 0 0 0 0 0 0", b"0.64 0.33", b""])
+def with_primaries(line):
+    return decode(WHOLE.replace(b"\n\n", b"\nPRIMARIES=" + line + b"\n\n", 1), "a")
+
+
+@pytest.mark.parametrize("line", [b"0 0 0 0 0 0 0 0", b""])  # Photoshop writes zeros
+def test_primaries_that_are_not_stated_are_those_of_srgb(line):
+    np.testing.assert_array_equal(with_primaries(line), decode(WHOLE, "a"))
+
+
+@pytest.mark.parametrize("line", [b".3 .3 .3 .3 .3 .3 .3 .3", b"0.64 0.33"])
 def test_primaries_that_span_nothing_are_ignored_with_a_warning(line):
     with pytest.warns(DataWarning, match="span no colours"):
-        found = decode(WHOLE.replace(b"\n\n", b"\nPRIMARIES=" + line + b"\n\n", 1), "a")
+        found = with_primaries(line)
     np.testing.assert_array_equal(found, decode(WHOLE, "a"))
 
 

@@ -1,5 +1,8 @@
 """The captured light set by hand in the session: sliders, maps, two clicks, and what is kept."""
 
+import shutil
+import time
+
 import numpy as np
 import pytest
 from inline_worker import InlineWorker
@@ -175,6 +178,31 @@ def test_what_is_kept_is_used_by_the_next_command(by_hand, folder):
     assert "not valid JSON" in by_hand.note and "\n" not in by_hand.note
 
 
+def test_the_open_session_goes_on_under_what_is_kept(folder, tmp_path):
+    copy = tmp_path / "copy"
+    shutil.copytree(folder, copy, ignore=shutil.ignore_patterns(NAME))
+    offer(copy, [sunny(*each) for each in SUNS])
+    session = Session(session_of(Job(request_of(copy))), InlineWorker, Clock())
+    window = Window(session, SIZE, off_screen=True)
+    session.change(angle_deg=70.0)
+    window.press_key("9")
+    session.hand.finish()
+    session.set_hand(lambda each: each.change(azimuth_deg=200.0, sun_share=0.4, brightness_ev=0.5))
+    before = session.albedos["estimated"]
+    window.press_key("0")
+    deadline = time.perf_counter() + 60.0
+    while window.session is session and time.perf_counter() < deadline:
+        window.tick()
+    assert window.note == "relit under the captured light that you kept"
+    state, kept = window.session.state, window.session.albedos["estimated"]
+    assert (state.angle_deg, state.by_hand, state.split) == (70.0, False, False)
+    wanted = Job(request_of(copy, captured_light=None)).known.appearance
+    assert wanted.capture["light"] == "set by hand from sun at 150"
+    np.testing.assert_allclose(kept, wanted.albedo, atol=1e-6)
+    assert np.abs(kept - before).mean() > 0.02
+    window.close()
+
+
 def test_a_session_without_an_estimate_has_no_such_view(folder):
     session = Session(session_of(Job(RelightRequest(str(folder), "noon", albedo="captured", caching="none"))),
                       InlineWorker, Clock())  # fmt: skip
@@ -184,8 +212,6 @@ def test_a_session_without_an_estimate_has_no_such_view(folder):
 
 
 def test_damaged_offers_are_a_message(folder, tmp_path):
-    import shutil
-
     copy = tmp_path / "copy"
     shutil.copytree(folder, copy)
     (copy / NAME).write_text("{")
