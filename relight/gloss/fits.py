@@ -53,8 +53,7 @@ class PatchFits(NamedTuple):
 
     patch: (M,) int32, the patch of each node. gram: (P, 2, 2, K, K), moments: (P, 2, 2, K, 3) and power: (P, 2, 3), of
     each patch, each half of its places and, except for power, each kind: dielectric, metal. pixels: (P,) how many.
-    curved: (P,) 0 where a patch is plane, towards 1 where its normals face everywhere. shown: (P, 3) mean linear colour
-    of the pixels. mirrored: (P, K + 1) mean of all harmonics of their mirrored directions.
+    curved: (P,) 0 where a patch is plane, towards 1 where its normals face everywhere.
     """
 
     patch: NDArray[np.int32]
@@ -63,8 +62,6 @@ class PatchFits(NamedTuple):
     power: NDArray[np.float64]
     pixels: NDArray[np.int64]
     curved: NDArray[np.float64]
-    shown: NDArray[np.float64]
-    mirrored: NDArray[np.float64]
 
     @property
     def informative(self) -> NDArray[np.bool_]:
@@ -84,7 +81,6 @@ class PatchFits(NamedTuple):
         patches, size = len(found.pixels), BANDS**2 - 1
         shapes: list[tuple[int, ...]] = [(len(found.patch),), (patches, 2, KINDS, size, size)]
         shapes += [(patches, 2, KINDS, size, 3), (patches, 2, 3), (patches,), (patches,)]
-        shapes += [(patches, 3), (patches, size + 1)]
         if [np.shape(each) for each in found] != shapes:
             raise InputError("kept reflections are of another surface")
         if not all(np.isfinite(each).all() for each in found) or found.patch.max(initial=0) >= max(patches, 1):
@@ -116,7 +112,6 @@ def observed(
     size = BANDS**2 - 1
     gram, moments = np.zeros((patches, 2, KINDS, size, size)), np.zeros((patches, 2, KINDS, size, 3))
     power, pixels = np.zeros((patches, 2, 3)), np.zeros(patches, np.int64)
-    shown, directions = np.zeros((patches, 3)), np.zeros((patches, size + 1))
     of_pixel = patch[node]
     order = np.argsort(of_pixel, kind="stable")
     ends = np.searchsorted(of_pixel[order], np.arange(patches + 1))
@@ -127,10 +122,8 @@ def observed(
         pixels[number] = len(mine)
         sums = _sums(node[mine], color[mine], mirrored[mine], cosine[mine])
         gram[number], moments[number], power[number] = sums
-        shown[number] = color[mine].mean(axis=0)
-        directions[number] = harmonics.evaluate(mirrored[mine], BANDS).mean(axis=0)
     curved = _curved(binding, patch, node, patches)
-    return PatchFits(patch, gram, moments, power, pixels, curved, shown, directions)
+    return PatchFits(patch, gram, moments, power, pixels, curved)
 
 
 def _seen(

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Floats
 from splat2mesh.base.calibration import Provenance
-from splat2mesh.scene.color import luminance
 
 from ..sh import harmonics
 from .fits import BANDS, PatchFits
@@ -36,10 +35,7 @@ class GlossCalibration:
     least_explained: share of what depends on the view that the reflected light explains, each half of the places judged
     by the other. sure_explained, sure_patches: share, and number of curved patches that have it, above which
     anything in a scene is glossy: matte trained objects had at most one. least_reflectance: at normal incidence; less
-    is shown by no display. metal_explained, metal_whole, metal_share: for a patch to be a metal, least explained share,
-    least reflectance in one colour if all that it shows were reflected, and least share of that in its lobe. Noise of
-    normals and harmonics of degree 3 leave two thirds of that view dependence out: gold and steel show .30 to .39,
-    coloured glazes up to .13, a black glaze .38, but of a tenth.
+    is shown by no display.
     """
 
     provenance: ClassVar = Provenance(
@@ -52,9 +48,6 @@ class GlossCalibration:
     sure_explained: float = 0.2
     sure_patches: int = 3
     least_reflectance: float = 0.004
-    metal_explained: float = 0.15
-    metal_whole: float = 0.3
-    metal_share: float = 0.22
 
 
 GLOSS = GlossCalibration()
@@ -64,24 +57,17 @@ class Gloss(NamedTuple):
     """The reflecting materials of M nodes. reflectance: (M, 3) at normal incidence, 0 without reflection: as far as the
     lobe follows what is seen, so that noise of the normals makes it weak. alpha: (M,) GGX roughness, that of the noise
     of the normals included. flat: (M,) bool, whether it does not rise at grazing angles. explained: (M,) share of the
-    view-dependent part that the reflection explains, its confidence. whole: (M, 3) reflectance of metals, all of whose
-    colour is reflected; 0 of others."""
+    view-dependent part that the reflection explains, its confidence."""
 
     reflectance: NDArray[np.float32]
     alpha: NDArray[np.float32]
     flat: NDArray[np.bool_]
     explained: NDArray[np.float32]
-    whole: NDArray[np.float32]
 
     @property
     def glossy(self) -> NDArray[np.bool_]:
         """(M,) bool: whether anything is reflected."""
         return np.asarray(self.reflectance.any(axis=1))
-
-    @property
-    def metal(self) -> NDArray[np.bool_]:
-        """(M,) bool: whether all of its colour is reflected."""
-        return np.asarray(self.whole.any(axis=1))
 
 
 def materials(fits: PatchFits, light: Floats) -> Gloss | None:
@@ -92,35 +78,33 @@ def materials(fits: PatchFits, light: Floats) -> Gloss | None:
     whole_light = np.asarray(light, np.float64)[: BANDS**2]
     count = len(fits.pixels)
     reflectance, explained = np.zeros((count, 3)), np.zeros(count)
-    alpha, flat, whole = np.zeros(count), np.zeros(count, bool), np.zeros((count, 3))
+    alpha, flat = np.zeros(count), np.zeros(count, bool)
     for patch in range(count):
         if not fits.pixels[patch]:
             continue
         found = best_lobe(fits, patch, whole_light)
-        explained[patch], reflectance[patch], alpha[patch], flat[patch], whole[patch] = found
+        explained[patch], reflectance[patch], alpha[patch], flat[patch] = found
     dull = (explained < GLOSS.least_explained) | (reflectance.max(axis=1) < GLOSS.least_reflectance)
     if np.count_nonzero((explained > GLOSS.sure_explained) & fits.informative & ~dull) < GLOSS.sure_patches:
         return None
-    reflectance[dull] = whole[dull] = 0.0
+    reflectance[dull] = 0.0
     of = fits.patch
     return Gloss(
         np.minimum(reflectance, 1.0)[of].astype(np.float32),
         alpha[of].astype(np.float32),
         flat[of],
         explained[of].astype(np.float32),
-        np.minimum(whole, 1.0)[of].astype(np.float32),
     )
 
 
 class Lobe(NamedTuple):
-    """The lobe of a patch: the share that it explains, (3,) reflectance, GGX alpha, whether it does not rise at grazing
-    angles, and (3,) the reflectance of a metal, 0 of others."""
+    """The lobe of a patch: the share that it explains, (3,) reflectance, GGX alpha, and whether it does not rise at
+    grazing angles."""
 
     explained: float
     reflectance: NDArray[np.float64]
     alpha: float
     flat: bool
-    whole: NDArray[np.float64]
 
 
 def best_lobe(fits: PatchFits, patch: int, light: Floats) -> Lobe:
@@ -138,11 +122,4 @@ def best_lobe(fits: PatchFits, patch: int, light: Floats) -> Lobe:
             if found > gain:
                 reflectance = np.maximum(along.sum(axis=0) / np.maximum(square.sum(axis=0), 1e-30), 0.0)
                 gain, factor, flat = found, number, kind
-    # A metal's mean colour is the mean of the light that its lobe sees.
-    seen = fits.mirrored[patch] @ (np.append(1.0, roughness_factors()[factor])[:, None] * light)
-    whole = fits.shown[patch] / np.maximum(seen, 1e-30)
-    share = float(luminance(reflectance)) / max(float(luminance(whole)), 1e-30)
-    metal = flat and gain >= GLOSS.metal_explained and whole.max() >= GLOSS.metal_whole and share >= GLOSS.metal_share
-    if metal:  # of which the mean shows the colour better than noisy differences do
-        return Lobe(gain, whole * share, ALPHAS[factor], flat, whole)
-    return Lobe(gain, reflectance, ALPHAS[factor], flat, np.zeros(3))
+    return Lobe(gain, reflectance, ALPHAS[factor], flat)

@@ -25,9 +25,6 @@ BANDS = harmonics.MAX_BANDS
 LEAST_ALPHA = 0.15
 """Sharper lobes are blurred to this one: more than degree 3 shows, and 10 bands of a light still do not ring."""
 
-WIDE = 0.65
-"""Roughness of what a metal reflects beside its lobe: noise of the normals spreads it about all directions."""
-
 STEPS = 8
 """Roughnesses at which lights are blurred; between them they are mixed."""
 
@@ -84,16 +81,6 @@ class MirroredPixels(NamedTuple):
         """
         hidden = np.einsum("qrk,qrkc->qc", self.weights, radiance[self.corners].astype(np.float32))
         return self.strength * (self.visible[:, None] * self._blurred(np.asarray(light, np.float64)) + hidden)
-
-    def wide(self, rows: NDArray[np.bool_], light: Floats, radiance: Floats) -> NDArray[np.float64]:
-        """(Q, 3) the light that some of them, rows (Q,) bool, see through a lobe of WIDE; 0 at others. Others as of
-        `reflected`."""
-        result = np.zeros(self.strength.shape)
-        one = np.ones((int(rows.sum()), 3), np.float32)
-        part = self._replace(pixels=self.pixels.take(rows), strength=one, alpha=WIDE * one[:, 0])
-        part = part._replace(**{name: getattr(self, name)[rows] for name in ("visible", "corners", "weights")})
-        result[rows] = part.reflected(light, radiance)
-        return result
 
     def _blurred(self, light: NDArray[np.float64]) -> NDArray[np.float64]:
         """(Q, 3) the light about the mirrored directions as lobes of each roughness see it."""

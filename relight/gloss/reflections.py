@@ -5,7 +5,6 @@ removed from pictures and the new one added, and the harmonics of glossy Gaussia
 """
 
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,25 +33,6 @@ MOSTLY = 0.5
 """Least glossy share of a Gaussian's nodes for it to take part."""
 
 
-KEPT = 0.5
-"""Share of what no lobe explains on metals that stays in another light: it is the reflection of what was there, where
-normals are wrong. All of it stays in light like the old one."""
-
-SOON = 20.0
-"""A reflection that differs from the old one by more than one part in so many of both is another."""
-
-TEXTURE = 0.4, 2.5
-"""Range of a place's brightness on a metal relative to what its wide lobe sees."""
-
-
-class Seen(NamedTuple):
-    """What the glossy pixels of each view mirror. lobe: (Q, 3) each, `MirroredPixels.reflected`. wide: (Q, 3) each, on
-    metals the light through `MirroredPixels.wide`, 0 elsewhere."""
-
-    lobe: list[NDArray[np.float64]]
-    wide: list[NDArray[np.float64]]
-
-
 class Reflections:
     """Reflections on the splats of a Binding, whose light may change; what depends on geometry alone is traced once.
 
@@ -63,7 +43,6 @@ class Reflections:
         self._binding, self._drawn = binding, binding.drawn
         seen = (SurfacePixels.of_view(looks, binding.surface, number) for number in range(len(looks.eyes)))
         self._views = [MirroredPixels.of(pixels, binding.surface, gloss, scene) for pixels in seen]
-        self._gloss, self._any_metal = gloss, bool(gloss.metal.any())
         places = binding.places
         share = np.einsum("nk,nk->n", places.weights, gloss.glossy[places.columns])
         glossy = (share > MOSTLY) & (places.far < MOSTLY)
@@ -76,15 +55,6 @@ class Reflections:
         (V, 3) of the vertices."""
         nodes = self._binding.surface.of_vertices(np.asarray(radiance, np.float32))
         return [view.reflected(light, nodes) for view in self._views]
-
-    def seen(self, light: Floats, radiance: Floats) -> Seen:
-        """The same with what metals see beside their lobe."""
-        lobe = self.reflected(light, radiance)
-        if not self._any_metal:
-            return Seen(lobe, [np.zeros_like(each) for each in lobe])
-        nodes = self._binding.surface.of_vertices(np.asarray(radiance, np.float32))
-        metal = (self._gloss.metal[view.pixels.nodes] for view in self._views)
-        return Seen(lobe, [view.wide(rows, light, nodes) for view, rows in zip(self._views, metal, strict=True)])
 
     def pictures(self) -> list[NDArray[np.float32]]:
         """The splats as captured, (P, 3) display values of each view."""
@@ -101,29 +71,25 @@ class Reflections:
         self,
         splats: Splats,
         log_gain: NDArray[np.float32],
-        before: Seen,
-        after: Seen,
+        before: list[NDArray[np.float64]],
+        after: list[NDArray[np.float64]],
     ) -> Splats:
         """Relit splats with the new reflections in the place of the old ones.
 
         splats: as `Binding.relit` gives them, all that the file has. log_gain: (M, 3) of the nodes, by which it relit
-        them. before, after: what is mirrored in the light of the capture and in the new one, of `seen`, in display
-        units. Where both are equal, after that gain, no bit changes.
+        them. before, after: what is mirrored in the light of the capture and in the new one, of `reflected`, in
+        display units. Where both are equal, after that gain, no bit changes.
         """
         rows = self._binding.drawn_rows
         shown = splats.take(rows)
-        errors, beside = [], self.beside(before)
-        for number, view in enumerate(self._views):
-            wide = beside[view.pixels.nodes]
-            old, new = (each.lobe[number] + wide * each.wide[number] for each in (before, after))
+        errors = []
+        for view, old, new in zip(self._views, before, after, strict=True):
             picture = view.blending.drawn(shown.colors_toward(view.pixels.eye).astype(np.float32))
             now = np.maximum(picture[view.pixels.known], 0.0).astype(np.float64)
             ratio = np.exp(2.4 * view.pixels.of_nodes(log_gain))
             change = new - ratio * old
             linear = linear_from_srgb(now)
-            other = np.minimum(SOON * np.abs(change) / np.maximum(new + ratio * old, 1e-30), 1.0) * (wide > 0.0)
-            rest = linear + change - (1.0 - KEPT) * other * (linear - ratio * old)
-            wanted = srgb_from_linear(np.maximum(rest, LEAST_LEFT * linear))
+            wanted = srgb_from_linear(np.maximum(linear + change, LEAST_LEFT * linear))
             wanted = np.minimum(wanted, np.maximum(now, 1.0))
             error = np.zeros_like(picture)
             error[view.pixels.known] = np.where(change == 0.0, 0.0, wanted - now)
@@ -137,22 +103,3 @@ class Reflections:
         sh[:, : splats.sh.shape[1]] = splats.sh
         sh[rows[self._glossy]] += found
         return replace(splats, sh=sh)
-
-    def beside(self, before: Seen) -> NDArray[np.float64]:
-        """(M, 3) how much of the light through the wide lobe each node of a metal reflects beside its lobe: that and
-        the lobe give the mean colour that it shows. A node that no view shows takes the mean of its material."""
-        count = len(self._gloss.alpha)
-        if not self._any_metal:
-            return np.zeros((count, 3))
-        shown, seen, pixels = np.zeros((count, 3)), np.zeros((count, 3)), np.zeros(count, np.int64)
-        for view, wide, picture in zip(self._views, before.wide, self.pictures(), strict=True):
-            nodes = view.pixels.nodes
-            pixels += np.bincount(nodes, minlength=count)
-            color = linear_from_srgb(np.maximum(picture[view.pixels.known], 0.0)).astype(np.float64)
-            for channel in range(3):
-                shown[:, channel] += np.bincount(nodes, color[:, channel], count)
-                seen[:, channel] += np.bincount(nodes, wide[:, channel], count)
-        whole = self._gloss.whole.astype(np.float64)
-        texture = np.clip(shown / np.maximum(seen * whole, 1e-6), *TEXTURE)
-        texture[pixels == 0] = 1.0
-        return np.maximum(whole - self._gloss.reflectance, 0.0) * texture * self._gloss.metal[:, None]

@@ -121,40 +121,22 @@ class SceneGloss:
         reflections = self._traced(looks, gloss)
         with self._stages.stage("gloss"):
             own = look.environment.sh(harmonics.MAX_BANDS)
-            before, light = reflections.seen(own, look.captured), new.light + new.captured * new.unit * own
-            after = reflections.seen(light, new.radiance * np.float32(exposure))
+            before, light = reflections.reflected(own, look.captured), new.light + new.captured * new.unit * own
+            after = reflections.reflected(light, new.radiance * np.float32(exposure))
             if lamps is not None and new.unit:
                 frame = np.asarray(self._scene.scene_from_splat, np.float64)
                 shining = reflections.shining(lamps.emitters, lamps.frame, frame)
-                lobes = [each + new.unit * more for each, more in zip(after.lobe, shining, strict=True)]
-                after = after._replace(lobe=lobes)
+                after = [each + new.unit * more for each, more in zip(after, shining, strict=True)]
             log_gain = binding.log_gains(look.irradiance, new.received, exposure)
             return reflections.relit(relit, log_gain, before, after)
 
-    def textured(self, look: "Appearance") -> Gloss | None:
-        """The same as `of`, with `whole` of metals as bright as each place shows: what both lobes reflect."""
-        gloss = self.of(look)
-        looks = None if gloss is None or not gloss.metal.any() else self._looks
-        if gloss is None or looks is None or look.environment is None:
-            return gloss
-        reflections = self._traced(looks, gloss)
-        with self._stages.stage("gloss"):
-            before = reflections.seen(look.environment.sh(harmonics.MAX_BANDS), look.captured)
-            whole = gloss.reflectance + reflections.beside(before)
-        return gloss._replace(whole=np.where(gloss.metal[:, None], whole, 0.0).astype(np.float32))
-
     def roughness(self, look: "Appearance") -> NDArray[np.float32] | None:
-        """(V, 2) of the vertices: roughness as glTF has it, the root of alpha, 1 where it is matt; and metalness.
-
-        None where nothing is glossy.
-        """
+        """(V,) of the vertices, as glTF has it: the root of alpha, 1 where it is matt. None where nothing is glossy."""
         gloss = self.of(look)
         if gloss is None:
             return None
         rough = np.where(gloss.glossy, np.sqrt(gloss.alpha), np.float32(1.0))
-        metal = gloss.glossy & gloss.metal
-        node = self._binding().surface.node
-        return np.stack([rough, metal], axis=1).astype(np.float32)[node]
+        return rough.astype(np.float32)[self._binding().surface.node]
 
     def plan(self, look: "Appearance") -> GlossPlan | None:
         """Contribution and cost of gloss; None without gloss. It traces the rays that a light needs next."""
@@ -176,9 +158,7 @@ class SceneGloss:
         rows = gloss.glossy
         return {
             "surface": round(float(rows.mean()), 4),
-            "metal": round(float((rows & gloss.metal).mean()), 4),
             "reflectance": _median(gloss.reflectance[rows]),
-            "metal_reflectance": _median(gloss.whole[rows & gloss.metal]),
             "alpha": round(float(np.median(gloss.alpha[rows])), 3),
         }
 

@@ -54,7 +54,8 @@ def decode(data: bytes, name: object) -> NDArray[np.float32]:
     scale[pixels[..., 3:] == 0] = 0.0
     with np.errstate(over="ignore"):
         image = (pixels[..., :3] * scale / exposure).astype(np.float32)
-    return image if primaries is None else as_rec709(image, primaries, name)
+    stated = primaries or ()  # Photoshop writes zeros
+    return as_rec709(image, stated, name) if any(stated) else image
 
 
 def _header(
@@ -80,8 +81,7 @@ def _header(
             raise InputError(f"{name} is of an unknown kind: convert it to 32-bit_rle_rgbe or OpenEXR")
     if not (np.isfinite(exposure).all() and (exposure > 0.0).all()):
         raise InputError(f"{name} {_DAMAGED}: its exposure is {exposure.tolist()}")
-    stated = primaries if primaries and any(primaries) else None  # Photoshop writes zeros
-    return exposure, stated, *_size(data, start, name)
+    return exposure, primaries, *_size(data, start, name)
 
 
 def _entries(data: bytes, name: object) -> tuple[list[tuple[bytes, bytes]], int]:

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from splat2mesh.scene.color import bytes_from_unit, luminance, srgb_from_linear
+from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
 
 from ..gloss.ggx import zonal_factors
 from ..gloss.lamp_facing import facing
-from ..gloss.mirrored import LEAST_ALPHA, WIDE
+from ..gloss.mirrored import LEAST_ALPHA
 from ..gloss.openness import BANDS as OPEN_BANDS
 from ..gloss.openness import openness
 from ..gloss.reflections import MOSTLY
@@ -32,12 +32,6 @@ if TYPE_CHECKING:
 
 FILE = "gloss.bin"
 
-MOST_MATERIALS = 254
-"""Most materials: a scene has 60 patches, a byte names one, and 0 is none."""
-
-MOST_SHADES = 16
-"""Most brightnesses in which a metal is a material of its own: within TEXTURE, steps of 13%."""
-
 ROW = 4 + OPEN_BANDS**2
 """Bytes of a row: material, display colour of the occluder, coefficients of the visibility. Then one for each lamp."""
 
@@ -52,10 +46,9 @@ LAMP_STEPS = 20.0
 class Shine(NamedTuple):
     """Glossy splats as they are stored. runs: (R, 2) uint32, first row and count. rows: (M, ROW) uint8 of the rows in
     the runs, concatenated. peaks: (4,) of the signed bytes of each coefficient. materials: list of dicts of reflectance
-    (3), level, metal, and of metals with a wide lobe beside (3), what that reflects. levels: list of dicts of
-    alpha and its factors on each degree of a light. wide: the level of wide lobes, None without any. captured: (K, 3)
-    coefficients about +y of the light of the capture, display units. lamps: list of dicts of term, place (3), reach,
-    peak and steps of those with highlights.
+    (3), level, and metal: whether it does not rise at grazing angles. levels: list of dicts of alpha and its factors on
+    each degree of a light. captured: (K, 3) coefficients about +y of the light of the capture, display units. lamps:
+    list of dicts of term, place (3), reach, peak and steps of those with highlights.
     """
 
     runs: NDArray[np.uint32]
@@ -63,7 +56,6 @@ class Shine(NamedTuple):
     peaks: list[float]
     materials: list[dict[str, Any]]
     levels: list[dict[str, Any]]
-    wide: int | None
     captured: NDArray[np.float64]
     lamps: list[dict[str, Any]]
 
@@ -81,7 +73,6 @@ class Shine(NamedTuple):
             "peaks": self.peaks,
             "materials": self.materials,
             "levels": self.levels,
-            **({} if self.wide is None else {"wide": self.wide}),
             "captured": self.captured.tolist(),
             **({"lamps": self.lamps} if self.lamps else {}),
         }
@@ -120,7 +111,7 @@ def shine_of(
         return None
     columns, weights, held = places.columns[chosen], places.weights[chosen], held[chosen]
     kinds = columns[np.arange(len(columns)), held.argmax(axis=1)]  # the node that gives a splat its material
-    materials, levels, wide, number = _materials(gloss, kinds)
+    materials, levels, number = _materials(gloss, kinds)
     nodes, row = np.unique(columns, return_inverse=True)
     of_nodes = binding.surface.of_vertices(np.asarray(colors, np.float32))
     seen, hidden = openness(binding.surface, nodes, of_nodes, at.rotation)
@@ -140,7 +131,7 @@ def shine_of(
     rows = rows[at.order]
     runs = runs_of(rows[:, 0] > 0)
     about = about_y(np.asarray(captured, np.float64)[: BANDS**2])
-    return Shine(runs, rows[rows_of(runs)], peaks.tolist(), materials, levels, wide, about, lamps)
+    return Shine(runs, rows[rows_of(runs)], peaks.tolist(), materials, levels, about, lamps)
 
 
 def _shining(
@@ -167,43 +158,16 @@ def _levels(light: NDArray[np.floating], peak: float) -> NDArray[np.uint8]:
 
 def _materials(
     gloss: "Gloss", nodes: NDArray[np.int32]
-) -> tuple[list[dict[str, Any]], list[dict[str, Any]], int | None, NDArray[np.int64]]:
-    """The materials and the levels of roughness of some nodes, the level of wide lobes, and the number of each one's
-    material."""
+) -> tuple[list[dict[str, Any]], list[dict[str, Any]], NDArray[np.int64]]:
+    """The materials and the levels of roughness of some nodes, and the number of each one's material: at most one for
+    each patch, so a byte names it."""
     alpha = np.maximum(gloss.alpha[nodes], np.float32(LEAST_ALPHA)).astype(np.float64).round(6)
-    rows = np.concatenate([gloss.reflectance[nodes].astype(np.float64), alpha[:, None]], axis=1)
-    rows = np.concatenate([rows, gloss.flat[nodes][:, None]], axis=1)
+    rows = np.column_stack([gloss.reflectance[nodes].astype(np.float64), alpha, gloss.flat[nodes]])
     distinct, number = np.unique(rows, axis=0, return_inverse=True)
-    number = number.reshape(-1)
-    beside = np.where(gloss.metal[nodes, None], np.maximum(gloss.whole[nodes] - rows[:, :3], 0.0), 0.0)
-    shade = _shades(luminance(beside), number, len(distinct))
-    rows = np.stack([number, shade], axis=1)
-    pairs, number = np.unique(rows, axis=0, return_inverse=True)
-    number = number.reshape(-1)
-    if len(pairs) > MOST_MATERIALS:
-        raise ValueError(f"expected up to {MOST_MATERIALS} materials, found {len(pairs)}")
-    distinct, metals, counts = distinct[pairs[:, 0]], pairs[:, 1] > 0, np.bincount(number)
-    mean = np.stack([np.bincount(number, column) for column in beside.T], axis=1) / counts[:, None]
-    alphas = np.unique(np.append(distinct[:, 3], [WIDE] if metals.any() else []))
+    alphas = np.unique(distinct[:, 3])
     levels = [{"alpha": float(each), "factors": zonal_factors(float(each), BANDS).tolist()} for each in alphas]
     materials = [
         {"reflectance": row[:3].tolist(), "level": int(np.searchsorted(alphas, row[3])), "metal": bool(row[4])}
-        | ({"beside": mine.tolist()} if metal else {})
-        for row, mine, metal in zip(distinct, mean.round(5), metals, strict=True)
+        for row in distinct
     ]
-    return materials, levels, int(np.searchsorted(alphas, WIDE)) if metals.any() else None, number
-
-
-def _shades(light: NDArray[np.floating], material: NDArray[np.int64], count: int) -> NDArray[np.int64]:
-    """(N,) 1 + the step of the brightness (N,) of the wide lobes of splats of a number of materials; 0 without one."""
-    metal = light > 0.0
-    if not metal.any():
-        return np.zeros(len(light), np.int64)
-    metals = len(np.unique(material[metal]))
-    steps = int(np.clip((MOST_MATERIALS - count) // metals, 1, MOST_SHADES))
-    logs, shade = np.log(np.where(metal, light, 1.0)), np.zeros(len(light), np.int64)
-    for each in np.unique(material[metal]):
-        rows = metal & (material == each)
-        low, high = logs[rows].min(), logs[rows].max()
-        shade[rows] = 1 + np.minimum((logs[rows] - low) / max(high - low, 1e-12) * steps, steps - 1).astype(np.int64)
-    return shade
+    return materials, levels, number.reshape(-1)

@@ -60,7 +60,7 @@ class EngineFiles:
 
     @property
     def _shine(self) -> NDArray[np.float32] | None:
-        """(V, 2) roughness and metalness; None without gloss."""
+        """(V,) roughness; None without gloss."""
         gloss = self._written.gloss
         return None if gloss is None else gloss.roughness(self._written.appearance)
 

@@ -1,7 +1,7 @@
-"""Roughness and metalness per vertex for glTF, which stores them only in textures.
+"""Roughness per vertex for glTF, which stores it only in textures.
 
-One small picture holds every pair: roughness rises along its columns, metalness from the first row to the second. The
-texture coordinates of a vertex are its pair, so a renderer interpolates the pair itself.
+One small picture holds every value, rising along its columns. The texture coordinates of a vertex are its value, so a
+renderer interpolates the value itself.
 """
 
 from typing import Any
@@ -19,8 +19,8 @@ _STEPS = 256
 
 def glossy_white(file: Glb) -> Any:
     """Add the picture to a file: a white material that shines as the texture coordinates of its vertices say."""
-    picture = np.zeros((2, _STEPS, 3), np.uint8)
-    picture[:, :, 0], picture[:, :, 1], picture[1, :, 2] = 255, np.arange(_STEPS), 255
+    picture = np.zeros((1, _STEPS, 3), np.uint8)
+    picture[:, :, 0], picture[:, :, 1] = 255, np.arange(_STEPS)
     view = file.data(png_bytes(picture))
     file.document.images.append(gltf.Image(bufferView=view, mimeType="image/png", name="gloss"))
     file.document.samplers.append(
@@ -29,14 +29,11 @@ def glossy_white(file: Glb) -> Any:
     texture = gltf.Texture(sampler=len(file.document.samplers) - 1, source=len(file.document.images) - 1)
     file.document.textures.append(texture)
     material = matt_white()
-    surface = material.pbrMetallicRoughness
-    surface.metallicFactor = 1.0
-    surface.metallicRoughnessTexture = gltf.TextureInfo(index=len(file.document.textures) - 1)
+    material.pbrMetallicRoughness.metallicRoughnessTexture = gltf.TextureInfo(index=len(file.document.textures) - 1)
     return material
 
 
-def coordinates(gloss: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Texture coordinates (V, 2) of roughness and metalness (V, 2), each in [0, 1]."""
-    values = np.clip(np.asarray(gloss, np.float64), 0.0, 1.0)
-    across = (values[:, 0] * (_STEPS - 1) + 0.5) / _STEPS
-    return np.stack([across, (values[:, 1] + 0.5) / 2.0], axis=1).astype(np.float32)
+def coordinates(roughness: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Texture coordinates (V, 2) of a roughness (V,) in [0, 1]."""
+    across = (np.clip(np.asarray(roughness, np.float64), 0.0, 1.0) * (_STEPS - 1) + 0.5) / _STEPS
+    return np.stack([across, np.full(len(across), 0.5)], axis=1).astype(np.float32)

@@ -91,7 +91,7 @@ class LiveFiles:
                 self._splats,
                 self._room,
                 sources_of(self._mix) if mixes else (),
-                None if self._written.gloss is None else self._written.gloss.textured(self._appearance),
+                None if self._written.gloss is None else self._written.gloss.of(self._appearance),
                 self._mix.assumes,
                 self._written.mirror(),
             )

@@ -39,24 +39,24 @@ def write_live_glb(
     albedo: NDArray[np.float32] | None,  # (V, 3) linear, None for white
     nine: tuple[NDArray[np.float32], NDArray[np.float32]],  # grey (V, 9) and tint (V, 3), as of `nine_coefficients`
     lit: ShownLight,  # turned as the loaders start
-    gloss: NDArray[np.float32] | None = None,  # (V, 2) roughness and metalness; matt without
+    roughness: NDArray[np.float32] | None = None,  # (V,), as glTF has it; matt without
 ) -> None:
     """Write binary glTF 2.0: a mesh per chunk with COLOR_0, _TRANSFER_0 to _TRANSFER_2, and the same as _CUSTOM0 to 2.
 
     COLOR_0 is linear float32 albedo. The twelve normalised 16-bit integers of the transfer are grey 0-3, 4-7, and 8
     with the tint. `extras` hold nine radiance coefficients of the light, not turned, its angle, and the exposure.
-    Where something is glossy its roughness and metalness are a texture, for engines that light the mesh themselves.
+    Where something is glossy the roughness is a texture, for engines that light the mesh themselves.
     Placed lamps are KHR_lights_punctual, for what else is lit: the transfer knows the environment alone.
     """
     drawn, count = Drawn(scene), len(scene.vertices)
     albedo = drawn.colors(np.ones((count, 3), np.float32) if albedo is None else albedo)
     albedo = np.clip(albedo, 0.0, 1.0).astype(np.float32)
     scene, nine = drawn.scene, (drawn.values(nine[0]), drawn.values(nine[1]))
-    gloss = None if gloss is None else drawn.values(gloss)
+    roughness = None if roughness is None else drawn.values(roughness)
     packed = np.rint(np.clip(np.hstack(nine), -1.0, 1.0) * SNORM).astype(np.int16)
     file, start = Glb(), 0
-    file.document.materials = [matt_white() if gloss is None else glossy_white(file)]
-    uv = None if gloss is None else coordinates(gloss)
+    file.document.materials = [matt_white() if roughness is None else glossy_white(file)]
+    uv = None if roughness is None else coordinates(roughness)
     normals = unit_normals(scene.normals)
     for index, chunk in enumerate(scene.chunks):
         rows = slice(start, start + len(chunk.vertices))

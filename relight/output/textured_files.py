@@ -24,12 +24,12 @@ if TYPE_CHECKING:
 
 
 class Skin(NamedTuple):
-    """A texture of a scene and what it shows. picture: JPEG or PNG of (size, size, 3) sRGB. gloss: (V, 2) roughness and
-    metalness of the vertices; matt without."""
+    """A texture of a scene and what it shows. picture: JPEG or PNG of (size, size, 3) sRGB. roughness: (V,) of the
+    vertices, as glTF has it; matt without."""
 
     baked: "Baked"
     picture: bytes
-    gloss: NDArray[np.float32] | None = None
+    roughness: NDArray[np.float32] | None = None
 
 
 def write_textured_glb(
@@ -45,8 +45,8 @@ def write_textured_glb(
     Vertices stand in the order of the atlas; on seams of the texture there are several of one scene vertex. The same
     input gives the same bytes.
     """
-    atlas, gloss = skin.baked.atlas, skin.gloss
-    pictures = [skin.picture] if gloss is None else [skin.picture, png_bytes(_gloss_image(atlas, gloss))]
+    atlas, roughness = skin.baked.atlas, skin.roughness
+    pictures = [skin.picture] if roughness is None else [skin.picture, png_bytes(_gloss_image(atlas, roughness))]
     file = textured_glb(scene, atlas, pictures, len(scene.chunks), "relit" if unlit else "albedo", unlit)
     add_cards(file, others, unlit)
     file.save(path, extras)
@@ -92,8 +92,7 @@ def write_transfer(
     return names
 
 
-def _gloss_image(atlas: "Atlas", gloss: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """(size, size, 3) uint8 as glTF has it: roughness in green, metalness in blue."""
-    values = np.ones((atlas.vertices, 3), np.float32)
-    values[:, 1:] = gloss
+def _gloss_image(atlas: "Atlas", roughness: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """(size, size, 3) uint8 as glTF has it: roughness in green, no metal in blue."""
+    values = np.stack([np.ones_like(roughness), roughness, np.zeros_like(roughness)], axis=1)
     return atlas.image(np.rint(255.0 * np.clip(atlas.interpolate(values), 0.0, 1.0)).astype(np.uint8))

@@ -72,9 +72,9 @@ class SceneTextures:
             extras = {"environment": light.name, "angle_deg": light.rotation_deg, "exposure": shaded.exposure}
             others, skin = self._without_texture(self._shown(shaded)), Skin(baked, png_bytes(self.picture(shaded)))
             write_textured_glb(folder / FILES[0], part.scene, skin, extras=extras, others=others)
-            gloss = None if self._written.gloss is None else self._written.gloss.roughness(self._appearance)
-            gloss = None if gloss is None else part.values(gloss)
-            others, skin = self._without_texture(self._written.albedo), Skin(baked, png_bytes(baked.relit()), gloss)
+            rough = None if self._written.gloss is None else self._written.gloss.roughness(self._appearance)
+            rough = None if rough is None else part.values(rough)
+            others, skin = self._without_texture(self._written.albedo), Skin(baked, png_bytes(baked.relit()), rough)
             write_textured_glb(folder / FILES[1], part.scene, skin, False, others=others)
             names = list(FILES)
             if "transfer" in self._written.asked.baked:

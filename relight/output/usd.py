@@ -43,13 +43,13 @@ def write_usd(
     scene: "Scene",
     albedo: NDArray[np.float32],  # (V, 3) linear, shown on the proxy
     lit: ShownLight,
-    gloss: NDArray[np.float32] | None = None,  # (V, 2) roughness and metalness of the proxy; no material without
+    roughness: NDArray[np.float32] | None = None,  # (V,) of the proxy; no material without
 ) -> list[str]:
     """Write FILE, and LIGHT beside it, which FILE refers to. Returns their names.
 
     /World/Splat is a ParticleField3DGaussianSplat in the scene frame, y up; of several looks a variant set `look`
     chooses. /World/Proxy is the mesh of the scene with the purpose `proxy`, which renderers leave out unless asked.
-    Where something is glossy /World/Gloss is its material, of the primvars displayColor, roughness and metallic.
+    Where something is glossy /World/Gloss is its material, of the primvars displayColor and roughness.
     /World/Light is a DomeLight whose intensity is the exposure: the sky that the splats were lit by, and for a renderer
     that lights the look `albedo` the light itself. /World/Lamps has placed lamps, in the same
     display values. Raises InputError without usd-core of 26.03 or later.
@@ -67,8 +67,8 @@ def write_usd(
         stage.SetDefaultPrim(world.GetPrim())
         _define_splats(pxr, stage, shown)
         _define_proxy(pxr, stage, scene, albedo)
-        if gloss is not None:
-            _define_gloss(pxr, stage, gloss)
+        if roughness is not None:
+            _define_gloss(pxr, stage, roughness)
         dome = pxr.UsdLux.DomeLight.Define(stage, "/World/Light")
         dome.CreateIntensityAttr(float(lit.exposure))
         dome.CreateTextureFileAttr(pxr.Sdf.AssetPath(f"./{LIGHT}"))
@@ -141,20 +141,18 @@ def _define_proxy(pxr: Any, stage: Any, scene: "Scene", albedo: NDArray) -> None
     colors.Set(vt.Vec3fArray.FromNumpy(np.clip(np.asarray(albedo, np.float32), 0.0, 1.0)))
 
 
-def _define_gloss(pxr: Any, stage: Any, gloss: NDArray[np.float32]) -> None:
+def _define_gloss(pxr: Any, stage: Any, roughness: NDArray[np.float32]) -> None:
     """The proxy's material: its vertex attributes, read by UsdPreviewSurface."""
     mesh, shade, types = pxr.UsdGeom.Mesh.Get(stage, "/World/Proxy"), pxr.UsdShade, pxr.Sdf.ValueTypeNames
     primvars = pxr.UsdGeom.PrimvarsAPI(mesh)
-    for number, name in enumerate(("roughness", "metallic")):
-        primvar = primvars.CreatePrimvar(name, types.FloatArray, pxr.UsdGeom.Tokens.vertex)
-        primvar.Set(pxr.Vt.FloatArray.FromNumpy(np.ascontiguousarray(gloss[:, number], np.float32)))
+    primvar = primvars.CreatePrimvar("roughness", types.FloatArray, pxr.UsdGeom.Tokens.vertex)
+    primvar.Set(pxr.Vt.FloatArray.FromNumpy(np.ascontiguousarray(roughness, np.float32)))
     material = shade.Material.Define(stage, "/World/Gloss")
     surface = shade.Shader.Define(stage, "/World/Gloss/Surface")
     surface.CreateIdAttr("UsdPreviewSurface")
     inputs = {
         "diffuseColor": ("displayColor", "float3", types.Color3f, types.Float3),
         "roughness": ("roughness", "float", types.Float, types.Float),
-        "metallic": ("metallic", "float", types.Float, types.Float),
     }
     for name, (primvar, kind, asked, given) in inputs.items():
         reader = shade.Shader.Define(stage, f"/World/Gloss/{name}")

@@ -185,7 +185,7 @@ CONTROLS = (
             lambda s: "next light", "hand", there=_has("hand")),
     Control("slash", "captured sun: click a shadow's edge, then what casts it", lambda window: window.mouse.hand.ask(),
             lambda s: "point at a shadow", "hand", there=_has("hand")),
-    Control("0", "keep the captured light: commands use it", lambda window: window.mouse.hand.keep(),
+    Control("0", "keep the captured light: the session and commands use it", lambda window: window.mouse.hand.keep(),
             lambda s: "keep", "hand", lambda s: s.hand is not None and s.hand.kept == s.hand.setting, _has("hand")),
     Control("space", "start, stop rotating the light", _toggle("turning"), lambda s: "turn", "choices",
             lambda s: s.state.turning),

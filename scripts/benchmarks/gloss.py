@@ -68,7 +68,7 @@ def run(options, report):
         "glossy_sure": "d",
     }
     patches = report.table("patches", **columns, **shares, light=".0f")
-    columns = {"thing": "<7", "alpha": ".2f", "alpha_found": ".2f", "f0": ".2f", "f0_found": ".2f", "metal": ".2f"}
+    columns = {"thing": "<7", "alpha": ".2f", "alpha_found": ".2f", "f0": ".2f", "f0_found": ".2f"}
     things = report.table("things", case="<12", **columns)
     columns = {
         "case": "<12",
@@ -102,10 +102,10 @@ def look(job):
     fits = None if gloss is None else gloss.fits
     if fits is None or appearance.environment is None:
         none = np.zeros(0)
-        return gloss, appearance, Lobe(none, np.zeros((0, 3)), none, none, np.zeros((0, 3)))
+        return gloss, appearance, Lobe(none, np.zeros((0, 3)), none, none)
     light = appearance.environment.sh(harmonics.MAX_BANDS)[: fits.gram.shape[-1] + 1]
     found = [
-        best_lobe(fits, patch, light) if fits.pixels[patch] else Lobe(0.0, np.zeros(3), 1.0, False, np.zeros(3))
+        best_lobe(fits, patch, light) if fits.pixels[patch] else Lobe(0.0, np.zeros(3), 1.0, False)
         for patch in range(len(fits.pixels))
     ]
     return gloss, appearance, Lobe(*(np.array(each) for each in zip(*found, strict=True)))
@@ -165,14 +165,12 @@ class Table:
         return np.bincount(patch, glossy, count) > 0.5 * np.bincount(patch, minlength=count)
 
     def things(self, looked):
-        """Rows of the glossy objects: medians of what their patches were found to be, weighted by nodes, and the share
-        that was found to be metal."""
+        """Rows of the glossy objects: medians of what their patches were found to be, weighted by nodes."""
         if not len(looked[2].alpha):
             return
         nodes, patch = self.of_nodes(looked), looked[0].fits.patch
-        explained, reflectance, alpha, _, whole = looked[2]
-        metal = whole.any(axis=1)
-        found = luminance(np.where(metal[:, None], whole, reflectance))
+        explained, reflectance, alpha, _ = looked[2]
+        found = luminance(reflectance)
         for part in range(int(self.truth.part.max()) + 1):
             rows = np.flatnonzero(self.truth.part == part)
             mine = patch[self.truth.part[nodes] == part]
@@ -185,7 +183,7 @@ class Table:
                 "alpha": float(self.truth.alpha[rows[0]]),
             }
             row |= {"alpha_found": float(np.median(alpha[mine])), "f0": f0}
-            yield row | {"f0_found": float(np.median(found[mine])), "metal": float(metal[mine].mean())}
+            yield row | {"f0_found": float(np.median(found[mine]))}
 
     def light_error(self, looked):
         """Degrees between the linear part of the estimated light and of the true one."""

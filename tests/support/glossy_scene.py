@@ -18,9 +18,6 @@ from relight.splats import Binding
 
 OWN = "studio"
 
-WHOLE = 0.8, 0.7, 0.5
-"""What both lobes of the metal reflect."""
-
 
 def glaze(scene, splats):
     """(Binding, Gloss): the ball reflects, its lower half like a metal; the plate is matt."""
@@ -32,8 +29,7 @@ def glaze(scene, splats):
     reflectance[metal] = 0.5, 0.4, 0.2
     alpha = np.where(metal, 0.3, 0.1).astype(np.float32)
     reflectance = reflectance.astype(np.float32)
-    whole = np.where(metal[:, None], np.float32(WHOLE), np.float32(0.0))
-    return binding, Gloss(reflectance, alpha, metal, np.ones(len(alpha), np.float32), whole)
+    return binding, Gloss(reflectance, alpha, metal, np.ones(len(alpha), np.float32))
 
 
 @cache

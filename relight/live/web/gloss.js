@@ -2,7 +2,7 @@
 
 import { BANDS, DIRECT, harmonics, linear, turned } from "./light.js";
 
-export const MIRROR = { rows: 32, columns: 64, spare: 5, wide: 3, level: 8, lamp: 64 }; // a blurred light, and the rows behind all of them
+export const MIRROR = { rows: 32, columns: 64, spare: 3, level: 8, lamp: 64 }; // a blurred light, and the rows behind all of them
 
 // The gloss of a bundle: materials and levels, and for each splat 16 bytes in four numbers, all 0 where it is matt:
 // normal (2), material, colour of the occluders (3), coefficients of visibility (4), light of up to 6 lamps. Throws an Error of one line.
@@ -34,10 +34,10 @@ export function mirroredLight({ captured }, light, angle, exposure, suns, factor
   return result;
 }
 
-// The texture that the shader reads, RGBA floats, 128 x (32 a level + 5): the captured light on the left and the new one on
+// The texture that the shader reads, RGBA floats, 128 x (32 a level + 3): the captured light on the left and the new one on
 // the right, blurred for each level of roughness, lat-long; then the materials, 128 to a row, reflectance and level, half
 // more for metals; then a row of the peaks of visibility, alpha of each level, and two texels a lamp: place and reach, steps of
-// its bytes and light; then, laid out as the materials are, what their wide lobes reflect and the level of those. factors: of all terms (3).
+// its bytes and light. factors: of all terms (3).
 export function mirrorTexture(gloss, coefficients, factors = [], out = new Float32Array(mirrorSize(gloss).width * mirrorSize(gloss).height * 4)) {
   const { rows, columns } = MIRROR, { width } = mirrorSize(gloss), { levels, materials, peaks, lamps } = gloss;
   gloss.basis ??= mirrorBasis();
@@ -46,10 +46,7 @@ export function mirrorTexture(gloss, coefficients, factors = [], out = new Float
     if (!gloss.drawn) blurred(gloss.basis, factors, gloss.captured, out, level * rows * width * 4);
   });
   const end = levels.length * rows * width * 4;
-  materials.forEach(({ reflectance, level, metal, beside }, number) => {
-    out.set([...reflectance, level + (metal ? 0.5 : 0)], end + 4 * number);
-    if (beside) out.set([...beside, gloss.wide], end + 4 * (MIRROR.wide * width + number));
-  });
+  materials.forEach(({ reflectance, level, metal }, number) => { out.set([...reflectance, level + (metal ? 0.5 : 0)], end + 4 * number); });
   peaks.forEach((peak, number) => { out[end + (2 * width + number) * 4] = peak / 127; });
   levels.forEach(({ alpha }, level) => { out[end + (2 * width + MIRROR.level + level) * 4] = alpha; });
   lamps.forEach(({ term, place, reach, peak, steps }, number) => {
@@ -95,8 +92,8 @@ function blurred(basis, factors, coefficients, out, start) {
 }
 
 // The linear change (3) of splat n seen from `eye`, from its position and normal (3) in the scene frame, the change of its
-// diffuse light (3), and what it shows in the new light without gloss (3, linear): a readable copy of the shader, for tests.
-export function glossChange({ packed, peaks, materials, levels, lamps, wide }, texture, n, eye, place, normal, ratio, hidden, before) {
+// diffuse light (3): a readable copy of the shader, for tests.
+export function glossChange({ packed, peaks, materials, levels, lamps }, texture, n, eye, place, normal, ratio, hidden) {
   const bytes = new Uint8Array(packed.buffer, 16 * n, 16), material = materials[bytes[2] - 1];
   if (!material) return [0, 0, 0];
   const away = eye.map((value, k) => value - place[k]), far = Math.hypot(...away), toward = away.map((value) => value / far);
@@ -112,10 +109,8 @@ export function glossChange({ packed, peaks, materials, levels, lamps, wide }, t
   return [0, 1, 2].map((k) => {
     const strength = Math.min(material.reflectance[k] * rise, 1), stands = linear(bytes[3 + k] / 255);
     const sent = (level) => [1, hidden[k]].map((brighter, side) => seen * mirrorAt(texture, side, level, [x, y, z], k) + (1 - seen) * stands * brighter);
-    const [old, now] = sent(material.level), beside = material.beside?.[k] ?? 0;
-    if (!beside) return strength * (now + shines[k] - ratio[k] * old);
-    const [wideOld, wideNow] = sent(wide), gone = ratio[k] * (strength * old + beside * wideOld), come = strength * (now + shines[k]) + beside * wideNow;
-    return come - gone - 0.5 * Math.min(20 * Math.abs(come - gone) / Math.max(come + gone, 1e-30), 1) * (before[k] - gone);
+    const [old, now] = sent(material.level);
+    return strength * (now + shines[k] - ratio[k] * old);
   });
 }
 

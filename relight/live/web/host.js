@@ -68,8 +68,8 @@ vec3 liveGloss(vec3 center, vec3 lit, vec3 gain) {
   uvec4 g = loadGloss();
   int material = int(g.x >> 16 & 255u) - 1;
   if (material < 0 || uLiveHidden.w == 0.0) return lit;
-  int end = textureSize(uLiveMirror, 0).y - 5;
-  vec4 of = texelFetch(uLiveMirror, ivec2(material & 127, end + (material >> 7)), 0), wide = texelFetch(uLiveMirror, ivec2(material & 127, end + 3 + (material >> 7)), 0);
+  int end = textureSize(uLiveMirror, 0).y - 3;
+  vec4 of = texelFetch(uLiveMirror, ivec2(material & 127, end + (material >> 7)), 0);
   vec2 o = vec2(liveByte(g.x, 0), liveByte(g.x, 8)) / 127.0;
   vec3 n = vec3(o, 1.0 - abs(o.x) - abs(o.y));
   float fold = max(-n.z, 0.0);
@@ -91,13 +91,6 @@ vec3 liveGloss(vec3 center, vec3 lit, vec3 gain) {
   now += liveLamps(g, int(uLiveHidden.w) - 1, end + 2, texelFetch(uLiveMirror, ivec2(8 + int(floor(of.a)), end + 2), 0).r, center, n, toward);
   vec3 before = liveLinear(max(lit, vec3(0.0))), ratio = pow(gain, vec3(2.4));
   vec3 change = strength * (now - ratio * old);
-  if (wide.r + wide.g + wide.b > 0.0) {
-    row = 32 * int(wide.a);
-    vec3 gone = ratio * (strength * old + wide.rgb * (seen * liveMirror(0, row, r) + (1.0 - seen) * stands));
-    vec3 come = strength * now + wide.rgb * (seen * liveMirror(64, row, r) + (1.0 - seen) * stands * uLiveHidden.rgb);
-    vec3 other = min(20.0 * abs(come - gone) / max(come + gone, vec3(1e-30)), vec3(1.0)) * vec3(greaterThan(wide.rgb, vec3(0.0)));
-    change = come - gone - 0.5 * other * (before - gone);
-  }
   vec3 after = max(before + change, 0.02 * before);
   vec3 shown = mix(12.92 * after, 1.055 * pow(max(after, vec3(1e-9)), vec3(1.0 / 2.4)) - 0.055, step(vec3(0.0031308), after));
   return min(shown, max(lit, vec3(1.0)));
@@ -157,9 +150,8 @@ fn liveGloss(center: vec3f, lit: vec3f, gain: vec3f) -> vec3f {
   if (material < 0 || uniform.uLiveHidden.w == 0.0) {
     return lit;
   }
-  let end = i32(textureDimensions(uLiveMirror).y) - 5;
+  let end = i32(textureDimensions(uLiveMirror).y) - 3;
   let made = liveTexel(material & 127, end + (material >> 7u));
-  let wide = liveTexel(material & 127, end + 3 + (material >> 7u));
   let o = vec2f(liveByte(g.x, 0u), liveByte(g.x, 8u)) / 127.0;
   var n = vec3f(o, 1.0 - abs(o.x) - abs(o.y));
   let fold = max(-n.z, 0.0);
@@ -181,14 +173,7 @@ fn liveGloss(center: vec3f, lit: vec3f, gain: vec3f) -> vec3f {
   let now = hidden + liveLamps(g, i32(uniform.uLiveHidden.w) - 1, end + 2, liveTexel(8 + i32(floor(made.a)), end + 2).r, center, n, toward);
   let before = liveLinear(max(lit, vec3f(0.0)));
   let ratio = pow(gain, vec3f(2.4));
-  var change = strength * (now - ratio * old);
-  if (wide.r + wide.g + wide.b > 0.0) {
-    let level = 32 * i32(wide.a);
-    let gone = ratio * (strength * old + wide.rgb * (seen * liveMirror(0, level, r) + (1.0 - seen) * stands));
-    let come = strength * now + wide.rgb * (seen * liveMirror(64, level, r) + (1.0 - seen) * stands * uniform.uLiveHidden.rgb);
-    let other = min(20.0 * abs(come - gone) / max(come + gone, vec3f(1e-30)), vec3f(1.0)) * select(vec3f(0.0), vec3f(1.0), wide.rgb > vec3f(0.0));
-    change = come - gone - 0.5 * other * (before - gone);
-  }
+  let change = strength * (now - ratio * old);
   let after = max(before + change, 0.02 * before);
   let shown = select(12.92 * after, 1.055 * pow(max(after, vec3f(1e-9)), vec3f(1.0 / 2.4)) - 0.055, after > vec3f(0.0031308));
   return min(shown, max(lit, vec3f(1.0)));

@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from relight.gloss.material import Gloss
-from relight.gloss.mirrored import LEAST_ALPHA, RAYS, WIDE, MirroredPixels
+from relight.gloss.mirrored import LEAST_ALPHA, RAYS, MirroredPixels
 from relight.gloss.pixels import SurfacePixels
 from relight.sh import harmonics
 from relight.splats.blending import Blending
@@ -40,22 +40,11 @@ def mirrored(alpha, metal=True, reflectance=1.0, more=(), scene=None, level=4):
         np.full(nodes, alpha, np.float32),
         np.full(nodes, metal),
         np.ones(nodes, np.float32),
-        np.full((nodes, 3), metal * reflectance, np.float32),
     )
     surface = SimpleNamespace(
         diagonal=0.1, faces=np.asarray(whole.faces, np.int32), caster=RayCaster(whole.vertices, whole.faces)
     )
     return MirroredPixels.of(pixels, surface, gloss, np.eye(3) if scene is None else scene), nodes
-
-
-def test_the_wide_lobe_of_some_pixels_is_that_of_a_rough_white_metal():
-    (view, nodes), (rough, _) = mirrored(0.2, reflectance=0.3), mirrored(WIDE)
-    light, nothing = sun((0.3, 0.5, 0.8)), np.zeros((nodes, 3))
-    rows = view.pixels.points[:, 0] > 0.2
-    found = view.wide(rows, light, nothing)
-    # A convex ball hides nothing of any lobe.
-    np.testing.assert_allclose(found[rows], rough.reflected(light, nothing)[rows], rtol=1e-5)
-    assert rows.any() and not found[~rows].any()
 
 
 def sun(way, bands=10):

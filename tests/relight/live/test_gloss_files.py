@@ -8,19 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from browser import Browser, chromium
-from glossy_scene import BULB, OWN, WHOLE, glossy_scene, glossy_scene_with_lamps
+from glossy_scene import BULB, OWN, glossy_scene, glossy_scene_with_lamps
 from live_bundles import reader
 from live_scene import SETTINGS, TILT, live_scene
 
 from relight import Environment
-from relight.gloss import Gloss
 from relight.gloss.ggx import fresnel_rise, zonal_factors
-from relight.gloss.mirrored import WIDE
-from relight.gloss.reflections import KEPT, SOON
 from relight.live.bundle import write_bundle
 from relight.live.live import LiveScene, live_of
 from relight.live.page import write_page
-from relight.live.shine import ROW, _materials
+from relight.live.shine import ROW
 from relight.sh import harmonics
 from splat2mesh.render.rasterize import rasterize
 from splat2mesh.render.view import View
@@ -95,28 +92,8 @@ def test_glossy_splats_take_a_few_bytes_and_others_none(folder):
     assert (folder / "gloss.bin").stat().st_size == 8 * meta["runs"] + ROW * meta["rows"]
     assert [material["metal"] for material in meta["materials"]] == [False, True]
     np.testing.assert_allclose(meta["materials"][1]["reflectance"], [0.5, 0.4, 0.2], rtol=1e-6)
-    np.testing.assert_allclose(meta["materials"][1]["beside"], np.subtract(WHOLE, [0.5, 0.4, 0.2]), atol=1e-5)
-    assert "beside" not in meta["materials"][0] and meta["levels"][meta["wide"]]["alpha"] == WIDE
-    for level, alpha in zip(meta["levels"], (0.15, 0.3, WIDE), strict=True):  # sharper lobes are blurred to .15
+    for level, alpha in zip(meta["levels"], (0.15, 0.3), strict=True):  # sharper lobes are blurred to .15
         np.testing.assert_allclose(level["factors"], zonal_factors(alpha, 10), rtol=1e-6)
-
-
-@pytest.mark.parametrize("metals", [1, 30])
-def test_places_of_a_metal_keep_their_brightness(metals):
-    """In as many shades as a byte has room for: with one metal in 16, from .4 to 2.5 of its usual one."""
-    rng = np.random.default_rng(4)
-    reflectance = np.repeat(np.linspace(0.3, 0.5, metals), 3000 // metals)[:, None] * [1.0, 0.9, 0.6]
-    bright = np.exp(rng.uniform(np.log(0.4), np.log(2.5), (len(reflectance), 1)))
-    true = bright * [0.2, 0.15, 0.1]
-    whole, one = (reflectance + true).astype(np.float32), np.ones(len(true))
-    gloss = Gloss(reflectance.astype(np.float32), 0.3 * one, one > 0, one, whole)
-    materials, levels, wide, number = _materials(gloss, np.arange(len(true)))
-    steps = min(254 // metals - 1, 16) if metals > 1 else 16
-    assert len(materials) == metals * steps and levels[wide]["alpha"] == WIDE
-    found = np.array([each["beside"] for each in materials])[number]
-    half = (2.5 / 0.4) ** (1 / steps)
-    assert np.abs(np.log(found / true)).max() < np.log(half) and np.abs(np.log(found / true)).mean() < np.log(half) / 3
-    np.testing.assert_allclose(np.array([each["reflectance"] for each in materials])[number], reflectance, rtol=1e-6)
 
 
 def test_a_reader_that_knows_no_gloss_reads_the_bundle(folder):
@@ -133,12 +110,9 @@ def test_the_captured_light_gives_back_what_is_taken_out(folder):
 @pytest.mark.parametrize(("light", "angle_deg"), [(0, 0.0), (1, 140.0)])
 def test_changes_are_the_lobes_of_relights_own_pixels(folder, light, angle_deg):
     """`Reflections.relit`, written out for the places of splats: reflectance times the light about the mirrored
-    direction, blurred by the lobe, and of metals the wide lobe and half of what no lobe explains. The top of the ball
-    sees all of the light."""
-    live = glossy_scene()[-1]
-    ratio, shown = 1.7, 0.6
-    size = {"ratio": [ratio] * 3, "before": [[shown] * 3] * len(live.splats)}
-    change, places, normals = changes(folder, light=light, angle=np.radians(angle_deg), **size)
+    direction, blurred by the lobe. The top of the ball sees all of the light."""
+    live, ratio = glossy_scene()[-1], 1.7
+    change, places, normals = changes(folder, light=light, angle=np.radians(angle_deg), ratio=[ratio] * 3)
     number = material_of_splats(live)
     toward = np.array(EYE) - places
     toward /= np.linalg.norm(toward, axis=1, keepdims=True)
@@ -150,15 +124,11 @@ def test_changes_are_the_lobes_of_relights_own_pixels(folder, light, angle_deg):
     new = Environment.load(("overcast", "noon")[light]).rotated(angle_deg).sh(10) * live.lights[light].exposure
     expected = np.zeros((rows.sum(), 3))
     for kind, (alpha, reflectance) in enumerate([(0.15, [0.05] * 3), (0.3, [0.5, 0.4, 0.2])]):
-        come, gone = np.zeros_like(expected), np.zeros_like(expected)
         strength = np.minimum(reflectance * fresnel_rise(cosine[rows], np.full(rows.sum(), bool(kind)))[:, None], 1.0)
-        for width, share in ((alpha, strength), (WIDE, kind * np.subtract(WHOLE, reflectance))):
-            factors = zonal_factors(width, 10)[degree][:, None]
-            come += share * np.maximum(basis @ (factors * new), 0)
-            gone += ratio * share * np.maximum(basis @ (factors * Environment.load(OWN).sh(10)), 0)
-        other = kind * np.minimum(SOON * np.abs(come - gone) / (come + gone), 1.0)
+        factors = zonal_factors(alpha, 10)[degree][:, None]
+        come, gone = (np.maximum(basis @ (factors * each), 0) for each in (new, Environment.load(OWN).sh(10)))
         mine = number[rows] == kind + 1
-        expected[mine] = (come - gone - (1.0 - KEPT) * other * (shown - gone))[mine]
+        expected[mine] = (strength * (come - ratio * gone))[mine]
     # Texels of 5.6 degrees, normals of a degree, and what stands around where a mirrored direction is low.
     high = mirrored[:, 1] > 0.2
     mean = np.abs(expected[high]).mean()
@@ -172,7 +142,7 @@ def test_a_bulb_shines_as_ggx_says(by_lamps):
     """Light of a small ball on what faces it, radiance x pi sin^2, times D G / 4 n.v, widened by half of its angle."""
     live, color, eye = glossy_scene_with_lamps()[0], np.array(BULB.radiance), np.array([1.2, 2.0, 3.0])
     tint = color / luminance(color)
-    bare = {"eye": list(eye), "ratio": [0.0] * 3, "before": [[0.0] * 3] * len(live.splats)}
+    bare = {"eye": list(eye), "ratio": [0.0] * 3}
     lit, places, normals = changes(by_lamps, factors=[[0, 0, 0], list(tint), [0, 0, 0]], **bare)
     dark = changes(by_lamps, factors=[[0, 0, 0]] * 3, **bare)[0]
     number = material_of_splats(live)
@@ -242,7 +212,7 @@ def test_the_page_shows_the_lobes_as_the_eye_sees_them(by_lamps, tmp_path):
     lit = gains * (plain + 0.055) - 0.055
     lit += (live.splats.colors_toward(eye) - plain) * np.minimum(gains, most)
     before = linear_from_srgb(np.maximum(lit, 0.0))
-    change = changes(by_lamps, **size, ratios=ratio.tolist(), before=before.tolist())[0]
+    change = changes(by_lamps, **size, ratios=ratio.tolist())[0]
     shiny = np.minimum(srgb_from_linear(np.maximum(before + change, 0.02 * before)), np.maximum(lit, 1.0))
     shiny = np.where(material_of_splats(live)[:, None] > 0, shiny, lit)
     errors = {}

@@ -109,20 +109,20 @@ def test_gloss_is_a_preview_surface_of_the_proxy(written, tmp_path):
     from pxr import UsdGeom, UsdShade
 
     folder, scene, albedo, splats, _, light = written
-    gloss = np.stack([np.linspace(0.1, 1, len(albedo)), np.arange(len(albedo)) % 2], axis=1).astype(np.float32)
-    write_usd(tmp_path, {"relit": splats}, scene, albedo, ShownLight(light, 0.7), gloss)
+    roughness = np.linspace(0.1, 1, len(albedo)).astype(np.float32)
+    write_usd(tmp_path, {"relit": splats}, scene, albedo, ShownLight(light, 0.7), roughness)
     stage = opened(tmp_path)
     mesh = stage.GetPrimAtPath("/World/Proxy")
     material, _ = UsdShade.MaterialBindingAPI(mesh).ComputeBoundMaterial()
     surface = material.ComputeSurfaceSource()[0]
     assert surface.GetIdAttr().Get() == "UsdPreviewSurface"
     read = {}
-    for name in ("diffuseColor", "roughness", "metallic"):
+    for name in ("diffuseColor", "roughness"):
         reader = UsdShade.Shader(surface.GetInput(name).GetConnectedSources()[0][0].source)
         primvar = UsdGeom.PrimvarsAPI(mesh).GetPrimvar(reader.GetInput("varname").Get())
         assert primvar.GetInterpolation() == "vertex"
         read[name] = np.array(primvar.Get())
-    np.testing.assert_array_equal(np.stack([read["roughness"], read["metallic"]], axis=1), gloss)
+    np.testing.assert_array_equal(read["roughness"], roughness)
     np.testing.assert_array_equal(read["diffuseColor"], albedo)
     bare = opened(folder)
     assert not bare.GetPrimAtPath("/World/Gloss") and not bare.GetPrimAtPath("/World/Proxy").HasAPI(

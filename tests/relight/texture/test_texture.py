@@ -313,8 +313,8 @@ def test_khronos_finds_nothing_wrong(tmp_path, ball, unlit):
 def test_gloss_is_in_a_texture_of_its_own_as_gltf_has_it(tmp_path, ball):
     scene = scene_of(ball.vertices, ball.normals, ball.faces, ball.colors_srgb, 40_000)
     baked = bake(scene, size=128)
-    gloss = np.stack([np.where(ball.vertices[:, 1] > 0, 0.4, 1.0), ball.vertices[:, 1] > 0], axis=1).astype(np.float32)
-    write_textured_glb(tmp_path / "a.glb", scene, Skin(baked, png_bytes(baked.relit()), gloss), False)
+    roughness = np.where(ball.vertices[:, 1] > 0, 0.4, 1.0).astype(np.float32)
+    write_textured_glb(tmp_path / "a.glb", scene, Skin(baked, png_bytes(baked.relit()), roughness), False)
     issues = validator_issues(tmp_path / "a.glb")
     assert (issues["numErrors"], issues["numWarnings"]) == (0, 0), issues["messages"]
     data = (tmp_path / "a.glb").read_bytes()
@@ -327,7 +327,7 @@ def test_gloss_is_in_a_texture_of_its_own_as_gltf_has_it(tmp_path, ball):
     image = iio.imread(data[start : start + view["byteLength"]])
     rows, columns = np.clip(np.floor(baked.atlas.uv[:, ::-1] * 128).astype(int), 0, 127).T
     upper = scene.vertices[baked.atlas.vertex][:, 1] > 0.3
-    np.testing.assert_array_equal(image[rows, columns][upper, 1:], [[102, 255]] * int(upper.sum()))
+    np.testing.assert_array_equal(image[rows, columns][upper, 1:], [[102, 0]] * int(upper.sum()))
     lower = scene.vertices[baked.atlas.vertex][:, 1] < -0.3
     np.testing.assert_array_equal(image[rows, columns][lower, 1:], [[255, 0]] * int(lower.sum()))
 
