@@ -18,7 +18,7 @@ from .fair import edge_uses
 SAMPLE, SKETCH = 40_000, 4_000
 """Vertices, drawn by their area, that planes are fitted to, and those of them that tell good draws from bad ones."""
 
-DRAWS, REFINED = 192, 4
+DRAWS, REFINED = 96, 4
 """Planes drawn for each that is looked for, and those of them, the best, that are fitted."""
 
 STEPS = 12
@@ -98,6 +98,7 @@ class _Vertices(NamedTuple):
     band: float
 
     def take(self, rows: NDArray) -> "_Vertices":
+        """Some of them, by number or as (M,) bool."""
         return _Vertices(self.points[rows], self.normals[rows], self.band)
 
     def around(self, normal: Vector, offset: float) -> tuple[Floats, Floats, Mask]:
@@ -198,6 +199,8 @@ def _fitted(these: _Vertices, normal: Vector, offset: float) -> Plane | None:
     """The plane near one given that fits best, None where hardly any vertex lies on it: by expectation and maximisation
     of the likelihood of heights and normals together."""
     noise, spread, share = these.band / SIGMAS, WIDE, 0.5
+    near = np.abs(these.points @ normal - offset) < 2 * these.band  # where it may move to
+    these = these.take(near & (these.normals @ normal > 0))
     for _ in range(STEPS):
         heights, angles, around = these.around(normal, offset)
         rows = np.flatnonzero(around)

@@ -107,7 +107,7 @@ def test_what_stands_out_by_more_than_its_noise_stays_to_the_bit():
     rng = np.random.default_rng(1)
     around, up = np.meshgrid(np.linspace(0, 2 * np.pi, 48), np.linspace(-1.2, 1.2, 61))
     column = np.stack([0.5 + 0.3 * np.cos(around), up, 0.3 * np.sin(around)], axis=-1).reshape(-1, 3), sheet(48, 61)
-    ball = arrays(sphere(0.4, (-0.8, 0.2, 0.3), 30))
+    ball = arrays(sphere(0.4, (-0.8, 0.2, 0.7), 30))
     walls = room(rng, first=heights)
     points, faces = joined(walls, column, ball)
     normals, found = even(points, faces)
@@ -115,9 +115,8 @@ def test_what_stands_out_by_more_than_its_noise_stays_to_the_bit():
     out = HALF[2] + points[:, 2]
     first = np.arange(len(points)) < len(plate(2, -1, flat, rng)[0])
     inside = first & (np.abs(points[:, :2]) < HALF[:2] - 0.1).all(axis=1)
-    standing = inside & (out > 2 * SIGMAS * BUMPS)  # what stands out beside the wall widens its noise by a little
+    standing = inside & (out > 1.2 * SIGMAS * BUMPS)  # bumps about it too
     steep = inside & (normals[:, 2] < np.cos(np.pi / 4))
-    print("DBG", len(found.planes), [(p.normal.round(2), round(p.offset,3), round(p.noise,4), int(p.count), round(p.gain,2), round(p.turning,2)) for p in found.planes]); q = standing & changed; print(points[q][::40].round(2), found.normals[q][::40].round(2), normals[q][::40].round(2))
     assert standing.sum() > 500 and steep.sum() > 200
     assert not changed[standing].any() and not changed[steep].any()
     free = np.arange(len(points)) >= len(walls[0])
