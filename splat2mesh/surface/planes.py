@@ -1,9 +1,9 @@
-"""Normals for light: those of planes on the walls, floors and table tops of a place, whose vertices stay where they are.
+"""Normals for light: those of planes on walls, floors and table tops of a place, whose vertices stay where they are.
 
 Where training sees little texture it leaves a fog of Gaussians before a wall. A mesh of it has bumps that the wall has
-not, and the Gaussians of the fog carry the wall's colour, so the bumps stay and light falls on the wall. Planes are drawn
-through one vertex and its normal each (after Fischler and Bolles, "Random Sample Consensus", 1981) and fitted as one part
-of a mixture: vertices lie on the plane, with a spread of their heights and one of their normals, or anywhere around.
+not. The fog carries the wall's colour, so it is what is lit, but light should fall on it as on the wall. Planes are
+drawn through one vertex and its normal each (after Fischler and Bolles, "Random Sample Consensus", 1981) and fitted as
+one part of a mixture: vertices lie on the plane, with a spread of their heights and one of their normals, or anywhere.
 """
 
 from typing import NamedTuple
@@ -31,8 +31,8 @@ CONE = np.pi / 4
 """Largest angle between a plane's normal and one that is weighed, radians."""
 
 WIDE, LEAST_SPREAD = 0.2, 0.07
-"""Spread of normals along each of two axes, radians, from which a fit starts, and the least: some of a facade may be seen
-far better than the rest."""
+"""Spread of normals along each of two axes, radians, from which a fit starts, and the least: some of a facade may be
+seen far better than the rest."""
 
 LEAST_AREA, LEAST_GAIN = SAMPLE / 200, 1.2
 """Vertices of the sample that lie on a plane at least, and how much likelier they are with it, the mean of logarithms.
@@ -219,7 +219,8 @@ def _fitted(these: _Vertices, normal: Vector, offset: float) -> Plane | None:
         noise = max(float(np.sqrt(weight @ (rest @ normal) ** 2 / count)), these.band / 100)
         spread = max(float(np.sqrt(weight @ angles[rows] ** 2 / count / 2)), LEAST_SPREAD)
     gain = float(np.log(share * likelier + 1 - share).sum() / count)
-    return Plane(normal, offset, noise, spread, share, float(count), gain, _turning(rest, ways, weight, CELL * these.band))
+    turning = _turning(rest, ways, weight, CELL * these.band)
+    return Plane(normal, offset, noise, spread, share, float(count), gain, turning)
 
 
 def _turning(points: Points, ways: Directions, weight: Floats, side: float) -> float:
