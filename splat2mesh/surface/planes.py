@@ -59,25 +59,25 @@ DOUBT = 1e-3
 class Plane(NamedTuple):
     """A plane that vertices lie on: normal (3,) unit, offset: normal . x of its points x, standard deviation of their
     heights over it and of their normals about it, radians along each of two axes. share: of the vertices around that
-    lie on it. count, gain, turning: of the sample, as LEAST_AREA, LEAST_GAIN and MOST_TURNING have them."""
+    lie on it. held, gain, turning: of the sample, as LEAST_AREA, LEAST_GAIN and MOST_TURNING have them."""
 
     normal: Vector
     offset: float
     noise: float
     spread: float
     share: float
-    count: float
+    held: float
     gain: float
     turning: float
 
     @property
     def is_sure(self) -> bool:
         """Whether enough lies on it, surely enough, and is not round."""
-        return self.count >= LEAST_AREA and self.gain >= LEAST_GAIN and self.turning <= MOST_TURNING
+        return self.held >= LEAST_AREA and self.gain >= LEAST_GAIN and self.turning <= MOST_TURNING
 
     def rank(self) -> tuple[bool, float]:
         """What the best of several planes has most of."""
-        return self.is_sure, self.gain * self.count
+        return self.is_sure, self.gain * self.held
 
 
 class Evened(NamedTuple):
@@ -123,7 +123,7 @@ def evened(points: Points, normals: Directions, faces: Faces, near: tuple[Vector
     mesh = _Vertices(np.asarray(points, np.float64), np.asarray(normals, np.float64), band)
     corners = mesh.points[faces]
     crosses = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    areas = np.bincount(faces.ravel(), np.repeat(np.linalg.norm(crosses, axis=1), 3), len(points))
+    areas = np.bincount(faces.ravel(), np.repeat(np.linalg.norm(crosses, axis=1), 3), len(points)).astype(np.float64)
     edges = edge_uses(faces, len(points))
     edges.data[:] = 1
     planes = _planes(mesh, areas, edges, near) if areas.any() and band > 0 else []
@@ -229,7 +229,7 @@ def _turning(points: Points, ways: Directions, weight: Floats, side: float) -> f
     _, cell = np.unique(np.floor(points / side), axis=0, return_inverse=True)
     total = np.maximum(np.bincount(cell.ravel(), weight), 1e-300)
 
-    def inside(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def inside(values: Floats) -> Floats:
         means = np.stack([np.bincount(cell.ravel(), weight * column) for column in values.T], axis=1) / total[:, None]
         return values - means[cell.ravel()]
 
