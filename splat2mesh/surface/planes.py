@@ -82,7 +82,7 @@ class Plane(NamedTuple):
 
 class Evened(NamedTuple):
     """Normals (V, 3) float32 for light. shares: (V,) in [0, 1], how surely each vertex lies on a plane. area: share of
-    the mesh's area that does. planes: the surest first."""
+    the mesh's area that does, far area counting less. planes: the surest first."""
 
     normals: NDArray[np.float32]
     shares: Floats
@@ -124,9 +124,10 @@ def evened(points: Points, normals: Directions, faces: Faces, near: tuple[Vector
     corners = mesh.points[faces]
     crosses = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     areas = np.bincount(faces.ravel(), np.repeat(np.linalg.norm(crosses, axis=1), 3), len(points)).astype(np.float64)
+    areas /= (1 + (np.linalg.norm(mesh.points - near[0], axis=1) / near[1]) ** 2) ** 2
     edges = edge_uses(faces, len(points))
     edges.data[:] = 1
-    planes = _planes(mesh, areas, edges, near) if areas.any() and band > 0 else []
+    planes = _planes(mesh, areas, edges) if areas.any() and band > 0 else []
     summed, shares = np.zeros_like(mesh.normals), np.zeros(len(points))
     for plane in planes:
         rows = np.flatnonzero(mesh.around(plane.normal, plane.offset)[2])
@@ -153,16 +154,14 @@ def _shares(these: _Vertices, edges: "scipy.sparse.csr_matrix", plane: Plane) ->
     return on
 
 
-def _planes(
-    mesh: _Vertices, areas: Floats, edges: "scipy.sparse.csr_matrix", near: tuple[Vector, float]
-) -> list[Plane]:
-    """The planes of a mesh; each vertex counts for one of them."""
+def _planes(mesh: _Vertices, areas: Floats, edges: "scipy.sparse.csr_matrix") -> list[Plane]:
+    """The planes of a mesh; each vertex counts for one of them, by its area (V,)."""
     rng = np.random.default_rng(0)
     even = mesh.normals
     for _ in range(RINGS):
         even = edges @ (even * areas[:, None]) + even * areas[:, None]
         even /= np.maximum(np.linalg.norm(even, axis=1, keepdims=True), 1e-12)
-    chances = (areas / (1 + (np.linalg.norm(mesh.points - near[0], axis=1) / near[1]) ** 2) ** 2).cumsum()
+    chances = areas.cumsum()
     rows = np.minimum(np.searchsorted(chances, rng.random(SAMPLE) * chances[-1]), len(chances) - 1)
     drawn, even = mesh.take(rows), even[rows]
     left, seeds, failed = np.ones(SAMPLE, bool), np.ones(SAMPLE, bool), 0
