@@ -77,13 +77,19 @@ def _products(a: Floats, b: Floats) -> Floats:
 
 def _laplacian(faces: Faces, count: int) -> "scipy.sparse.csr_matrix":
     """(V, V) sparse: a vertex less the mean of its neighbours; rows of border vertices are 0."""
-    corners = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    ends = np.concatenate([corners, corners[:, ::-1]])
-    uses = scipy.sparse.csr_matrix((np.ones(len(ends)), ends.T), (count, count))
-    uses.sum_duplicates()
+    uses = edge_uses(faces, count)
     inner = np.ones(count)
     inner[np.diff(uses.indptr) == 0] = 0.0  # in no face: it would be drawn to the origin
     inner[np.repeat(np.arange(count), np.diff(uses.indptr))[uses.data == 1]] = 0.0
     neighbors = scipy.sparse.csr_matrix((np.ones_like(uses.data), uses.indices, uses.indptr), uses.shape)
     mean = scipy.sparse.diags_array(inner / np.maximum(np.diff(uses.indptr), 1)) @ neighbors
     return (scipy.sparse.diags_array(inner) @ scipy.sparse.eye_array(count) - mean).tocsr()
+
+
+def edge_uses(faces: Faces, count: int) -> "scipy.sparse.csr_matrix":
+    """(V, V) sparse: the number of faces at each edge, in both directions. count: of the vertices."""
+    corners = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    ends = np.concatenate([corners, corners[:, ::-1]])
+    uses = scipy.sparse.csr_matrix((np.ones(len(ends)), ends.T), (count, count))
+    uses.sum_duplicates()
+    return uses

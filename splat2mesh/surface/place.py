@@ -23,6 +23,7 @@ from .clean import fill_holes, without_floaters
 from .decimate import decimate
 from .extract import PROBE_PIXELS, Look, dilated, training_pixel
 from .fair import fair
+from .planes import evened
 from .refine import refine_by_color
 from .sight import FusionSight, Sighting
 from .simplify import simplify
@@ -68,6 +69,9 @@ part of the most that the shape may take, before colours ask for theirs."""
 
 SAMPLED, LEAST_POINTS = 17, 100
 """Every so many pixels of a depth map count for the typical distance, and how many of these there are at least."""
+
+LEAST_BAND = 2.0
+"""Most distance between a plane and what lies on it, in training pixels, where there is no fog."""
 
 HOLE_CELLS = 40.0
 """Border of the largest hole that is closed, in cells of its surroundings."""
@@ -134,9 +138,11 @@ def reconstruct_place(
             placed, faces = refine_by_color(placed, faces, album, MOST_VERTICES)
         normals = vertex_normals(placed, faces)
         colors, unseen = filled_in(album.look_up(placed, normals)[0], placed)
+    with stages.stage("planes"):
+        on = evened(placed, normals, faces, (middle, distance), max(fog * distance, LEAST_BAND * pixel))
     counts: dict[str, float] = {"components_dropped": dropped, "holes_filled": filled, "vertices_unseen": unseen}
-    counts |= {"fog": round(fog, 4), "vertices_found": found}
-    return Mesh(placed, normals, faces, colors), Look(splats, pixel, list(views), near), counts
+    counts |= {"fog": round(fog, 4), "vertices_found": found, "planes": len(on.planes), "on_planes": round(on.area, 3)}
+    return Mesh(placed, on.normals, faces, colors), Look(splats, pixel, list(views), near), counts
 
 
 def _shots(splats: Splats, views: Sequence[View], near: Floats, level: float, stages: Stages) -> list[Sighting]:

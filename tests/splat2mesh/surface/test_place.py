@@ -57,6 +57,14 @@ def hits(scene, eye, directions):
 
 
 @pytest.mark.slow
+def test_the_walls_of_a_room_have_the_normals_of_planes(from_the_room):
+    scene, found = from_the_room, from_the_room.statistics
+    assert 6 <= found["planes"] <= 12 and found["on_planes"] > 0.6
+    along = np.abs(scene.normals).max(axis=1)
+    assert (along > np.cos(np.radians(1))).mean() > 0.6
+
+
+@pytest.mark.slow
 def test_a_room_has_no_holes_and_shows_its_front(from_the_room):
     directions = even_directions(2000)
     eye = np.array([-0.8, 1.3, 0.3])
