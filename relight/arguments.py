@@ -247,7 +247,8 @@ def parser() -> argparse.ArgumentParser:
     part = (
         "new light on this part alone: box:at=X,Y,Z,size=A,B,C or sphere:at=X,Y,Z,radius=R in the frame of the splat, "
     )
-    part += "a .ply of it, a .npy or .txt of rows, column:NAME of the splat file, object:NAME of a layout; repeatable"
+    part += "a .ply of it, a .npy or .txt of rows, column:NAME of the splat file, object:NAME of a layout, "
+    part += "a part made in the session; repeatable"
     add("--only", action="append", metavar="SPEC|FILE", help=part)
     add(
         "--keep",
