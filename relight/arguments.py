@@ -208,7 +208,8 @@ def parser() -> argparse.ArgumentParser:
     )
     sequence = "SCENE is a folder of numbered splats, the frames of a sequence: all are relit in one captured light"
     add("--sequence", action="store_true", help=sequence)
-    add("--fps", type=float, metavar="N", help=f"frames per second of films (default: {RelightRequest.fps:g})")
+    fps = f"frames per second of films and of the page of a sequence (default: {RelightRequest.fps:g})"
+    add("--fps", type=float, metavar="N", help=fps)
 
     add_meshing(parser.add_argument_group("meshing, for a splat without a scene folder").add_argument)
     add_tiling(parser)
@@ -246,7 +247,8 @@ def parser() -> argparse.ArgumentParser:
     part = (
         "new light on this part alone: box:at=X,Y,Z,size=A,B,C or sphere:at=X,Y,Z,radius=R in the frame of the splat, "
     )
-    part += "a .ply of it, a .npy or .txt of rows, column:NAME of the splat file, object:NAME of a layout; repeatable"
+    part += "a .ply of it, a .npy or .txt of rows, column:NAME of the splat file, object:NAME of a layout, "
+    part += "a part made in the session; repeatable"
     add("--only", action="append", metavar="SPEC|FILE", help=part)
     add(
         "--keep",

@@ -25,6 +25,7 @@ from ..light.daylight import DaylightRequest
 from ..light.environment import Environment
 from ..output.kinds import FILES, SHEET
 from ..request import AnyLight, RelightRequest
+from ..splats.kept_parts import with_files
 from ..splats.part_spec import SplatFile
 from ..splats.parts import AskedPart
 from .earlier_results import check_results, is_first_look, is_results, settings_of
@@ -72,7 +73,7 @@ def relight_files(request: RelightRequest, stages: Stages | None = None) -> Reli
     Raises InputError for what cannot be read, used or written, before any work where possible; UnfinishedError where
     tiles of a city failed and the others are done.
     """
-    stages = stages or Stages()
+    stages, request = stages or Stages(), _with_parts_by_hand(request)
     if request.quick:
         refuse(request)
     if is_city(request):
@@ -91,6 +92,14 @@ def relight_files(request: RelightRequest, stages: Stages | None = None) -> Reli
             raise
         del capture
         return _relit(request, at_hand, stages, messages, notes)
+
+
+def _with_parts_by_hand(request: RelightRequest) -> RelightRequest:
+    """The request with masks for the names of parts in the folder of its scene."""
+    if not (request.only or request.keep) or not isinstance(request.scene, (str, os.PathLike)):
+        return request
+    folder = default_folder(request.scene) if Path(request.scene).is_file() else request.scene
+    return replace(request, only=with_files(request.only, folder), keep=with_files(request.keep, folder))
 
 
 def is_city(request: RelightRequest) -> bool:
@@ -174,7 +183,7 @@ def meshed_request(
 
 def planned_request(request: RelightRequest) -> tuple[RelightRequest, SceneAtHand | None] | None:
     """Return the request to plan, without writing, and its scene; None for a splat that is not meshed yet."""
-    request = replace(request, caching="read")
+    request = replace(_with_parts_by_hand(request), caching="read")
     if _names_splat(request):
         at_hand = existing_scene(request.scene, request.meshing)  # type: ignore[arg-type]
         return None if at_hand is None else (replace(request, scene=at_hand.folder), at_hand)

@@ -20,13 +20,14 @@ from splat2mesh.base.outputs import staged_file
 from splat2mesh.base.progress import Stages
 from splat2mesh.base.strictjson import text_of
 from splat2mesh.scene.sources import fingerprint
-from splat2mesh.splats.formats import can_hold, write_splats
+from splat2mesh.splats.formats import can_hold, read_splats, write_splats
 from splat2mesh.splats.frames import ALONE, MOVING, SplatFrame, frame_splats, frames_in, state_of
 from splat2mesh.splats.splats import Splats
 
 from ..animation.film import FILM, frame_times, joined
 from ..engine.appearance import Appearance, Place
 from ..engine.relighter import Shaded
+from ..live.played import Played, write_player
 from ..output.images import write_png
 from ..request import AnyLight, RelightRequest
 from ..splats import write_relit_ply
@@ -60,15 +61,16 @@ def check_sequence(request: RelightRequest) -> None:
     for each in fields(request):
         if each.name not in HEEDED and getattr(request, each.name) != each.default:
             raise InputError(f"`{each.name}`: a sequence does not heed it; leave it out")
-    if set(request.formats or ()) - {"splat", "png"}:
-        raise InputError("`formats`: a sequence has splat, and png on request")
+    if set(request.formats or ()) - {"splat", "png", "web"}:
+        raise InputError("`formats`: a sequence has splat, and png and web on request")
     frame_times(0.0, request.fps)  # or an InputError
 
 
 @dataclass(frozen=True, eq=False)
 class SplatSequence:
     """A folder of frames, the first of which is meshed. request, first: for the scene of that one. frames: all that can
-    be read, in order. states: of `frames.state_of`, by number. notes: lines of a summary."""
+    be read, in order. states: of `frames.state_of`, by number. notes: lines of a summary. paged: whether each light has
+    a page that plays its frames."""
 
     request: RelightRequest
     first: SceneAtHand
@@ -76,6 +78,7 @@ class SplatSequence:
     states: dict[int, str]
     notes: list[str]
     stages: Stages
+    paged: bool = False
 
     @classmethod
     def of(cls, request: RelightRequest, stages: Stages) -> "SplatSequence":
@@ -97,7 +100,7 @@ class SplatSequence:
         known, notes = scene_at_hand(good[0].path, request.meshing, stages, folder=Path(default_folder(folder)))
         pictured = ("png",) * ("png" in (request.formats or ()))
         asked = replace(request, scene=known.folder, formats=("splat", *pictured))
-        return cls(asked, known, good, states, notes, stages)
+        return cls(asked, known, good, states, notes, stages, "web" in (request.formats or ()))
 
     @property
     def counted(self) -> str:
@@ -131,6 +134,8 @@ class SplatSequence:
                     started = time.monotonic()
             notes = [output.film(self.frames, self.request.fps) for output in outputs if output.pictured]
             self.notes.extend(note for note in dict.fromkeys(notes) if note)
+            if self.paged:
+                self._write_pages(outputs, lit, job)
             reports += [output.report for output in outputs]
         return reports, job
 
@@ -141,6 +146,14 @@ class SplatSequence:
                 if not all(output.has(frame) for output in outputs):
                     yield frame
                 advance(1)
+
+    def _write_pages(self, outputs: "list[FrameFolder]", lit: list[Shaded], job: Job) -> None:
+        """Write a page that plays the frames, for each angle."""
+        title = f"{self.frames[0].path.parent.name}, relit"
+        with self.stages.stage("write"):
+            for output, shaded in zip(outputs, lit, strict=True):
+                behind = shaded.exposure * shaded.backdrop
+                output.page(self.frames, Played(job.known.scene, shaded.sky, behind, self.request.fps, title))
 
     def _check_light(self, look: Appearance) -> None:
         """Raise InputError for frames in a light that their mesh cannot take over."""
@@ -186,6 +199,13 @@ class FrameFolder:
         self._save()
         return note
 
+    def page(self, frames: list[SplatFrame], played: Played) -> None:
+        """Write the page that plays the relit frames."""
+        names = [self.report["frames"].get(frame.path.name, {}).get("file") for frame in frames]
+        relit = (read_splats(self._folder / name) for name in names if name)
+        self.report["page"] = write_player(self._folder, relit, played)
+        self._save()
+
     def write(
         self, frame: SplatFrame, relit: Splats, state: str, picture: NDArray[np.uint8] | None, started: float
     ) -> None:
@@ -209,6 +229,7 @@ class FrameFolder:
         entries = [self.report["frames"][name] for name in sorted(self.report["frames"])]
         files = [each[kind] for kind in ("file", "picture") for each in entries if kind in each]
         film = [self.report["film"]] if self.report.get("film") else []
+        film += self.report.get("page") or []
         self.report.update(files=files + film, warnings=list(self._messages))
         with staged_file(self._folder / REPORT) as staging:
             staging.write_text(text_of(self.report, indent=1) + "\n", encoding="utf-8")

@@ -21,10 +21,11 @@ from ..lamps.color import WHITE
 from ..lamps.shapes import SphereLamp
 from ..output.inserted_picture import PictureAsked, with_objects
 from ..request import RelightRequest
+from ..splats.grown_part import GrowingSurface
 from ..splats.sky import far_splats
 from ..transfer.occluder import Frame
 from ..viewer.request import SessionRequest
-from ..viewer.sources import HandSource, LampSource, LampSum, ObjectSource, ObjectsUnder
+from ..viewer.sources import HandSource, LampSource, LampSum, ObjectSource, ObjectsUnder, PartSource
 from ..viewer.splats import SplatLook, SplatSource
 from .job import Job
 from .object_surroundings import surroundings_in
@@ -63,6 +64,7 @@ def session_of(job: Job) -> SessionRequest:
         splats=None if splats is None else _splats(job, splats[0], request.mixture),
         lamp_source=source,
         object_source=_object_source(job) if job.inputs.asked_inserts else None,
+        part_source=_part_source(job),
         hand_source=_hand_source(job) if settable else None,
         under_kept_light=(lambda: session_of(job.under_kept_light())) if estimated else None,
     )
@@ -108,6 +110,20 @@ def _first_mixture(job: Job, source: LampSource) -> LightBeside:
 def _hand_source(job: Job) -> HandSource:
     """The HandSource of a session."""
     return HandSource(lambda: LightByHand(job.known.relighter, job.known.appearance), _first_hits_of(job))
+
+
+def _part_source(job: Job) -> PartSource | None:
+    """The PartSource of a session; None without splats, or without a folder to keep parts in."""
+    scene, splats = job.known.scene, job.inputs.splats
+    if splats is None or scene.path is None:
+        return None
+
+    def surface() -> GrowingSurface:
+        albedo = job.known.appearance.albedo
+        return GrowingSurface(job.known.binding.surface, scene.colors_linear if albedo is None else albedo)
+
+    matrix = np.asarray(scene.scene_from_splat, np.float64)
+    return PartSource(surface, _first_hits_of(job), splats[0], matrix, scene.path)
 
 
 def _first_hits_of(job: Job) -> "Callable[[NDArray[np.float32]], Hits]":

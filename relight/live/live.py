@@ -145,7 +145,7 @@ def live_of(
     capture = shown.appearance.capture
     if not len(splats):
         raise InputError("there are no splats to light")
-    order = _spatial_order(splats)
+    order = spatial_order(splats)
     binding = Binding(splats, scene, views=(), seed=how.seed).mirroring(shown.mirror, scene)
     kinds = _kinds(shown, binding, how.sky)
     shares = (binding.surface.areas / np.bincount(binding.surface.node))[binding.surface.node]
@@ -180,7 +180,7 @@ def live_of(
         brightness=None if capture is None else float(capture["brightness"]),
         middle=np.median(near, axis=0).astype(np.float64) if len(near) else np.zeros(3),
         source={name: scene.source[name] for name in ("file", "sha256") if name in scene.source},
-        camera=_first_view(scene, splats, vertices),
+        camera=first_view(scene, splats, vertices),
         lamps=shown.lamps,
         terms=_terms(shown, binding, shares, kinds, order),
         gloss=_shine(binding, shown, kinds == LIT, order),
@@ -252,7 +252,7 @@ def _unchanged(count: int) -> Response:
     return Response(np.zeros((count, COEFFICIENTS, 3), np.float32), nothing, np.zeros((SPREAD_BANDS**2 + 1, 3)))
 
 
-def _first_view(scene: Scene, splats: Splats, vertices: Points) -> dict[str, Any]:
+def first_view(scene: Scene, splats: Splats, vertices: Points) -> dict[str, Any]:
     """The first view, that of the preview. An object also has `bounds`, two corners in the scene frame: the page moves
     the camera back until their box fits its window."""
     camera = scene.preview_camera
@@ -282,7 +282,7 @@ def _captured_box(scene: Scene, splats: Splats, vertices: Points) -> tuple[NDArr
     return low - margin, high + margin
 
 
-def _spatial_order(splats: Splats) -> Indices:
+def spatial_order(splats: Splats) -> Indices:
     """Rows along a Z-order curve; those without a finite position come last."""
     finite = np.isfinite(splats.means).all(axis=1)
     rows = np.flatnonzero(finite)

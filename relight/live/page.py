@@ -38,7 +38,7 @@ _LIBRARY = (
 )
 """Modules that the page joins into one, each after its imports. Their top-level names must differ."""
 
-_PAGE = "host", "recolour_shaders", "recolour", "floor", "panel", "movement", "page"
+_PAGE = "layout", "host", "recolour_shaders", "recolour", "floor", "panel", "movement", "page"
 """Scripts that stand in one block with the viewer, whose engine they use."""
 
 _LOW_PASS = (
@@ -105,13 +105,26 @@ def page_of(
     data = {"meta": meta, "files": names, "packed": contents is not None, "turn": turn}
     data["splat"] = meta["splats"][0]["file"]
     rows = {meta[key]["file"]: meta[key]["bytes"] for key in ("transfer", "surface")}
+    title = f"{meta['source'].get('file', 'Splats')}, relit"
+    return page_text(title, data, script_of(_LIBRARY, _PAGE), contents or {}, rows)
+
+
+def page_text(
+    title: str,
+    data: Mapping[str, Any],
+    script: str,
+    contents: Mapping[str, bytes],
+    rows: Mapping[str, int] | None = None,
+) -> str:
+    """A page that shows the viewer. data: what its script finds in it. contents: the bytes of files that are packed
+    into it. rows: bytes of the rows of those whose neighbours are alike."""
     packed = "".join(
-        f'<script type="text/plain" data-file="{name}"{_packed(content, rows.get(name))}</script>'
+        f'<script type="text/plain" data-file="{name}"{_packed(content, (rows or {}).get(name))}</script>'
         f"<script>unpack()</script>\n"
-        for name, content in ({_SCRIPT: _script().encode("utf-8")} | dict(contents or {})).items()
+        for name, content in ({_SCRIPT: script.encode("utf-8")} | dict(contents)).items()
     )
     return _TEMPLATE.format(
-        title=f"{meta['source'].get('file', 'Splats')}, relit".replace("<", "&lt;"),
+        title=title.replace("<", "&lt;"),
         css=_text("viewer/index.css") + _text("page.css"),
         data=json.dumps(data).replace("<", "\\u003c"),
         boot=_text("boot.js"),
@@ -138,12 +151,13 @@ def _packed(content: bytes, width: int | None) -> str:
     return f"{best} data-gzip>{base64.b64encode(found[best]).decode()}"
 
 
-def _script() -> str:
-    """The viewer and what lights it as one module; names of ours in a block of their own."""
+def script_of(library_names: Sequence[str] = _LIBRARY, page_names: Sequence[str] = _PAGE) -> str:
+    """The viewer and what lights it as one module; names of ours in a block of their own. library_names: modules that
+    become one, each after its imports. page_names: scripts beside the viewer."""
     viewer = re.sub(r"^export \{[^}]*\};\s*$", "", _text("viewer/index.js"), flags=re.MULTILINE)
     for theirs, ours in (*_LOW_PASS, _FRAME_KEY):
         viewer = viewer.replace(theirs, ours)
-    library = [_text(f"{name}.js") for name in _LIBRARY]
+    library = [_text(f"{name}.js") for name in library_names]
     names = [
         name
         for part in library
@@ -151,7 +165,7 @@ def _script() -> str:
     ]
     parts = [re.sub(r"^import .*$", "", re.sub(r"^export ", "", part, flags=re.M), flags=re.M) for part in library]
     library_text = "".join(parts)
-    ours = "\n".join(_text(f"{name}.js") for name in _PAGE)
+    ours = "\n".join(_text(f"{name}.js") for name in page_names)
     return (
         f"let relightCamera = null;\n{viewer}\n"
         f"{{\nconst Live = (() => {{\n{library_text}\nreturn {{ {', '.join(names)} }};\n}})();\n{ours}\n}}\n"

@@ -11,6 +11,7 @@ from splat2mesh.base.errors import InputError
 
 from .bundle import META
 from .page import FOLDER, INDEX, PAGE
+from .played import FRAMES
 
 
 class _Handler(SimpleHTTPRequestHandler):
@@ -56,7 +57,7 @@ def server_of(folder: str | os.PathLike[str], port: int = 0) -> _Server:
     is not available.
     """
     folder = Path(folder)
-    found = next((each for each in (folder, folder / FOLDER) if all((each / n).is_file() for n in (INDEX, META))), None)
+    found = next((each for each in (folder, folder / FOLDER) if _is_page(each)), None)
     if found is None and not (folder / PAGE).is_file():
         expected = f"expected {PAGE} or a folder {FOLDER}/ that --format web wrote"
         raise InputError(f"{folder} holds no page to serve: {expected}")
@@ -66,3 +67,8 @@ def server_of(folder: str | os.PathLike[str], port: int = 0) -> _Server:
         return server
     except (OSError, OverflowError) as error:
         raise InputError(f"`serve` {port}: cannot use the port ({error}); name another") from None
+
+
+def _is_page(folder: Path) -> bool:
+    """Whether a folder is a page, of one splat or of frames."""
+    return (folder / INDEX).is_file() and any((folder / name).is_file() for name in (META, FRAMES))

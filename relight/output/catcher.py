@@ -1,5 +1,6 @@
 """A soft shadow on the ground under an object: the light from above that it occludes."""
 
+from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -43,23 +44,24 @@ LIFT = 1e-3
 class Catcher:
     """The ground under an object, level, at its lowest vertex. What the object hides is found once, for any light.
 
-    height: of the ground, scene frame.
+    height: of the ground, scene frame. side: points of the ground along a side of the sampled square.
     """
 
-    def __init__(self, scene: "Scene", caster: RayCaster) -> None:
+    def __init__(self, scene: "Scene", caster: RayCaster, side: int = SIDE) -> None:
         low, high = scene.bounds
         self.height = float(low[1])
         self._middle = 0.5 * (low + high)[[0, 2]]
         self._radius = max(0.5 * float(np.linalg.norm(high - low)), 1e-12)
-        across = _spread(np.linspace(-1.0, 1.0, SIDE)) * REACH * self._radius
-        points = np.empty((SIDE, SIDE, 3), np.float32)
+        self._side = side
+        across = _spread(np.linspace(-1.0, 1.0, side)) * REACH * self._radius
+        points = np.empty((side, side, 3), np.float32)
         points[..., 0] = self._middle[0] + across[None, :]
         points[..., 1] = self.height + LIFT * self._radius
         points[..., 2] = self._middle[1] + across[:, None]
         self._directions = _upper_hemisphere()
-        rays = np.empty((SIDE * SIDE, 6), np.float32)
+        rays = np.empty((side * side, 6), np.float32)
         rays[:, :3] = points.reshape(-1, 3)
-        self._open = np.empty((len(self._directions), SIDE * SIDE), bool)
+        self._open = np.empty((len(self._directions), side * side), bool)
         middle = np.asarray(0.5 * (low + high), np.float64)
         offsets = middle - rays[:, :3]
         beside = np.square(offsets).sum(axis=1) - (BESIDE * self._radius) ** 2
@@ -71,16 +73,27 @@ class Catcher:
 
     def ground(self) -> ShadowedGround:
         """The same for the page."""
-        steps = _spread(np.linspace(-1.0, 1.0, SIDE)).astype(np.float32)
+        steps = _spread(np.linspace(-1.0, 1.0, self._side)).astype(np.float32)
         reach = REACH * self._radius
         return ShadowedGround(self.height, self._middle, reach, steps, self._directions, ~self._open, SHARED, BLUR)
 
     def under(self, environment: "Environment") -> "GroundLight":
         """The ground in a light."""
         arriving = self._arriving(environment)
+        return self._shaded(np.einsum("kp,kc->pc", self._open.astype(np.float32), arriving), arriving)
+
+    def quickly_under(self, environment: "Environment") -> "GroundLight":
+        """The same to rounding, for one light after another."""
+        arriving = self._arriving(environment)
+        return self._shaded(self._openness @ arriving, arriving)
+
+    @cached_property
+    def _openness(self) -> NDArray[np.float32]:
+        return np.ascontiguousarray(self._open.T, np.float32)
+
+    def _shaded(self, lit: NDArray[np.float32], arriving: NDArray[np.float32]) -> "GroundLight":
         whole = arriving.sum(axis=0)
-        lit = np.einsum("kp,kc->pc", self._open.astype(np.float32), arriving)
-        share = np.divide(lit, whole, out=np.ones_like(lit), where=whole > 0.0).reshape(SIDE, SIDE, 3)
+        share = np.divide(lit, whole, out=np.ones_like(lit), where=whole > 0.0).reshape(self._side, self._side, 3)
         share = scipy.ndimage.gaussian_filter(share, (BLUR, BLUR, 0), mode="nearest")
         return GroundLight(self.height, self._middle, REACH * self._radius, share)
 
@@ -107,7 +120,7 @@ class Catcher:
 
 class GroundLight(NamedTuple):
     """Ground in a light. height: scene frame. middle: (2,) float64, x and z. reach: half of the sampled square's side.
-    shares: (SIDE, SIDE, 3) float32 of the light from above."""
+    shares: (S, S, 3) float32 of the light from above."""
 
     height: float
     middle: NDArray[np.floating]
@@ -120,7 +133,7 @@ class GroundLight(NamedTuple):
         offset = (np.asarray(points, np.float64) - self.middle) / self.reach
         fade = np.clip(4.0 * (1.0 - np.linalg.norm(offset, axis=1)), 0.0, 1.0)
         near, share = np.flatnonzero(fade), np.ones((len(offset), 3), np.float32)
-        place = (_gathered(np.clip(offset[near], -1.0, 1.0)) + 1.0) * 0.5 * (SIDE - 1)
+        place = (_gathered(np.clip(offset[near], -1.0, 1.0)) + 1.0) * 0.5 * (len(self.shares) - 1)
         for channel in range(3):
             found = scipy.ndimage.map_coordinates(
                 self.shares[..., channel], (place[:, 1], place[:, 0]), order=1, mode="nearest"
@@ -139,7 +152,15 @@ def _spread(u: NDArray) -> NDArray:
     return u * (CROWDED + (1.0 - CROWDED) * u * u)
 
 
+STEPS = np.linspace(-1.0, 1.0, 2001)
+"""Even steps at which `_spread` is known where it is inverted."""
+
+
+def gathered_steps(count: int) -> NDArray[np.float32]:
+    """`_gathered` at `count` even steps from -1 to 1, as a table."""
+    return _gathered(np.linspace(-1.0, 1.0, count)).astype(np.float32)
+
+
 def _gathered(position: NDArray) -> NDArray:
     """The inverse of `_spread`, between the steps of a table: to within a thousandth of a point."""
-    steps = np.linspace(-1.0, 1.0, 2001)
-    return np.interp(position, _spread(steps), steps)
+    return np.interp(position, _spread(STEPS), STEPS)

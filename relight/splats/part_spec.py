@@ -6,6 +6,7 @@
     rows.npy, rows.txt              rows of the splat file, from 0
     column:label                    a column of the splat file, a PLY
     object:guitar                   an object of a layout
+    part1                           a part that was made in the session of the scene (`kept_parts`)
 
 Positions are in the frame of the splat, those of a layout in the frame of its scene.
 """
@@ -45,7 +46,7 @@ _KIND = re.compile(r"([a-z]+):(.*)", re.DOTALL)
 _COMMA = re.compile(r"\s*,\s*(?=\w+\s*=)")
 _ROWS = (".npy", ".txt")
 EXPECTED = "box:at=X,Y,Z,size=A,B,C, sphere:at=X,Y,Z,radius=R, a .ply of the part, a .npy or .txt of rows, column:NAME"
-EXPECTED += " or, in a layout, object:NAME"
+EXPECTED += ", the name of a part made in the session or, in a layout, object:NAME"
 
 
 @dataclass(frozen=True, eq=False)

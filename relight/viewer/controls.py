@@ -126,6 +126,10 @@ def _by_hand(session: "Session") -> bool:
     return session.hand is not None and session.state.by_hand
 
 
+def _parting(session: "Session") -> bool:
+    return session.parts is not None and session.state.parts
+
+
 def _dims_lamps(session: "Session") -> bool:
     return session.has_lamps
 
@@ -169,7 +173,7 @@ CONTROLS = (
             there=_has("lamps")),
     Control("bracketright", "brighter captured light", lambda window: window.mouse.lamps.dim(CAPTURED_STEP),
             there=_has("lamps")),
-    Control("z", "undo a change of lamps, captured light or objects", lambda window: window.mouse.lamps.step_back(),
+    Control("z", "undo a change of lamps, objects or a part", lambda window: window.mouse.lamps.step_back(),
             there=_can_undo),
     Control("y", "redo", lambda window: window.mouse.lamps.step_back(again=True), there=_can_undo),
     Control("j", "save the lamps as lamps.json", lambda window: window.mouse.lamps.save(), there=_has("lamps")),
@@ -187,6 +191,10 @@ CONTROLS = (
             lambda s: "point at a shadow", "hand", there=_has("hand")),
     Control("0", "keep the captured light: the session and commands use it", lambda window: window.mouse.hand.keep(),
             lambda s: "keep", "hand", lambda s: s.hand is not None and s.hand.kept == s.hand.setting, _has("hand")),
+    Control("5", "parts: a click adds a surface, the slider says how much", lambda window: window.mouse.parts.toggle(),
+            lambda s: "parts", "choices", lambda s: s.state.parts, _has("parts")),
+    Control("Return", "keep the part: --only and --keep know its name", lambda window: window.mouse.parts.keep(),
+            lambda s: "keep part", "choices", there=_parting),
     Control("space", "start, stop rotating the light", _toggle("turning"), lambda s: "turn", "choices",
             lambda s: s.state.turning),
     Control("Left", "turn the light clockwise", _step("angle_deg", -ANGLE_STEP_DEG)),
@@ -217,6 +225,9 @@ SLIDERS = (
     Slider("lamp_ev", "Lamp", lambda value: f"{value:+.1f} EV", there=_has_selected,
            read=lambda session: session.lamps.selected_ev if session.lamps else 0.0,
            write=lambda window, value: window.mouse.lamps.brighten_to(value)),
+    Slider("part_reach", "Part", lambda value: f"{100 * value:.0f} %", True, _parting,
+           lambda session: session.parts.reach if session.parts else 1.0,
+           lambda window, value: window.mouse.parts.reach_to(value)),
     _hand_slider("azimuth_deg", "Sun at", lambda value: f"{value:.0f}\N{DEGREE SIGN}"),
     _hand_slider("height_deg", "Height", lambda value: f"{value:.0f}\N{DEGREE SIGN}"),
     _hand_slider("sun_share", "Sun's part", lambda value: f"{100 * value:.0f} %"),

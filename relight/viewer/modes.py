@@ -74,6 +74,8 @@ def surface_colors(session: "Session") -> NDArray:
     mode, state, hand = MODES[session.state.mode], session.state, session.hand
     if hand is not None and state.by_hand:
         return hand.colors(lambda: session.scene.colors_srgb)
+    if session.parts is not None and state.parts:
+        return session.parts.tinted(mode.colors(session))
     if mode.lights:
         return mode.colors(session)
     return session.remembered("colors", (state.mode, state.albedo), lambda: mode.colors(session))

@@ -8,6 +8,7 @@ from .controls import SLIDERS
 from .hand_tool import HandTool
 from .lamp_tool import LampTool
 from .object_tool import ObjectTool
+from .part_tool import PartTool
 
 if TYPE_CHECKING:
     from .panel import HotArea
@@ -18,15 +19,17 @@ STILL = 4
 
 
 class Mouse:
-    """The actions of the mouse in a Window. lamps: the LampTool. objects: the ObjectTool. hand: the HandTool."""
+    """The actions of the mouse in a Window. lamps: the LampTool. objects: the ObjectTool. hand: the HandTool. parts:
+    the PartTool."""
 
     def __init__(self, window: "WindowView") -> None:
         self._window = window
         self.lamps: LampTool = LampTool(window)
         self.objects: ObjectTool = ObjectTool(window)
         self.hand: HandTool = HandTool(window)
+        self.parts: PartTool = PartTool(window)
         self._drag: tuple[str, HotArea | None, tuple[int, int]] | None = None
-        self._clicks: tuple[int, int] | None = None  # where a click would add a lamp, or point at a shadow
+        self._clicks: tuple[int, int] | None = None  # where a click would add a lamp, a part, or point at a shadow
 
     def press(self, button: str) -> Callable[[], None]:
         """The action of a pressed button."""
@@ -40,7 +43,8 @@ class Mouse:
             if hot is None and button == "Left" and self.objects.grip(x, y):
                 return
             if hot is None:
-                takes = button == "Left" and (self.lamps.on or self.hand.clicks) and not window.shift
+                takes = button == "Left" and (self.lamps.on or self.hand.clicks or self.parts.on)
+                takes = takes and not window.shift
                 self._clicks = (x, y) if takes else None
             elif self.hand.grip(hot.name, hot.box, x, y):
                 return
@@ -96,7 +100,8 @@ class Mouse:
     def release(self) -> None:
         """Handle the release of a button."""
         if self._clicks is not None:
-            (self.hand.click if self.hand.clicks else self.lamps.put)(*self._clicks)
+            tool = self.parts.click if self.parts.on else self.hand.click if self.hand.clicks else self.lamps.put
+            tool(*self._clicks)
         self.hand.let_go()
         self.lamps.let_go()
         self.objects.let_go()

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from splat2mesh.base.errors import InputError
 
 if TYPE_CHECKING:
-    from .sources import HandSource, LampSource
+    from .sources import HandSource, LampSource, PartSource
     from .window_view import WindowView
 
 
 def surface_at(
-    window: "WindowView", source: "LampSource | HandSource", x: float, y: float
+    window: "WindowView", source: "LampSource | HandSource | PartSource", x: float, y: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
     """The surface point at a pixel, from the lower left, and its unit normal towards the eye; None without one."""
     eye, direction = window.orbit.ray(x, y, window.size)

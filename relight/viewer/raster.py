@@ -13,7 +13,9 @@ from splat2mesh.base.kernels import kernel
 from splat2mesh.base.threads import read_only, shared
 from splat2mesh.render.raycaster import RayCaster
 
+from ..output.catcher import GroundLight
 from .camera import Orbit
+from .ground import shade_ground
 
 
 class Raster:
@@ -49,6 +51,7 @@ class Raster:
         captured: tuple[NDArray, float] | None = None,  # the same, shown left of a place, 0..1 over the width
         sky: tuple[NDArray, float] | None = None,  # (H', W', 3) uint8 canonical lat-long, turned by an angle in degrees
         backdrop: Any = ((0, 0, 0), (0, 0, 0)),  # without a sky, sRGB bytes at the bottom and the top
+        ground: GroundLight | None = None,  # on which an object stands
     ) -> NDArray:
         """The picture, (H, W, 3) uint8, BOTTOM row first."""
         width, height = self.size
@@ -61,6 +64,8 @@ class Raster:
             places, image, shift = self._places(), sky[0], np.float32(sky[1] % 360.0 / 360.0)
         arrays = self._faces, self._face, self._weights, colors, before, np.float32(width * split)
         _paint(height, *arrays, places, image, shift, ramp, out)
+        if ground is not None and self._seen is not None:
+            shade_ground(out, self._face, self._ways, self._seen[0].eye, ground)
         return out
 
     def _places(self) -> NDArray:

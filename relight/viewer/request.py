@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from ..engine.light_mix import LightBeside
     from ..light.environment import Environment
     from ..transfer.store import Cache
-    from .sources import HandSource, LampSource, ObjectSource
+    from .sources import HandSource, LampSource, ObjectSource, PartSource
     from .splats import SplatSource
 
 
@@ -55,6 +55,8 @@ class SessionRequest:
         Lights inserted objects.
     hand_source : HandSource, optional
         Sets the captured light by hand.
+    part_source : PartSource, optional
+        Makes parts of the capture.
     under_kept_light : callable, optional
         Returns the request of the scene under the captured light that a hand has set and kept. Called in a thread.
     splats : SplatSource, optional
@@ -75,6 +77,7 @@ class SessionRequest:
     lamp_source: "LampSource | None" = None
     object_source: "ObjectSource | None" = None
     hand_source: "HandSource | None" = None
+    part_source: "PartSource | None" = None
     splats: "SplatSource | None" = None
     under_kept_light: "Callable[[], SessionRequest] | None" = None
 

@@ -28,6 +28,7 @@ from .lamp_bench import LampBench
 from .lamp_board import BoardState, LampBoard
 from .lighting import LightWish, SessionScene, check_albedos
 from .object_bench import ObjectBench
+from .part_bench import PartBench
 from .quick import harmonic_light, prepare
 from .request import SessionRequest
 from .sources import ObjectsUnder
@@ -48,8 +49,8 @@ class Session:
     state: the present State; `change` and `reset` alter it. start: the one that `reset` returns to.
     choices: names to choose from, of "environment", "albedo" and "mode". answers: the Answers of the worker.
     lamps, bench: the LampBoard and the LampBench; None in a session whose lamps cannot be changed, which
-    `relight SCENE --view` opens. objects: the ObjectBench. hand: the HandBench of the captured light. splats: the
-    RelitSplats. All are None where there are none. timeline: undoes changes of lamps, captured light and objects.
+    `relight SCENE --view` opens. objects: the ObjectBench. hand: the HandBench of the captured light. parts: the
+    PartBench. splats: the RelitSplats. All are None where there are none. timeline: undoes changes of all of them.
     revision: grows with everything that may change the picture.
     """
 
@@ -76,6 +77,7 @@ class Session:
             self.bench = LampBench(source, self.lamps, asked.mixture)
         self.objects = None if asked.object_source is None else ObjectBench(asked.object_source, self.timeline)
         self.hand = None if asked.hand_source is None else HandBench(asked.hand_source, asked.under_kept_light)
+        self.parts = None if asked.part_source is None else PartBench(asked.part_source, self.timeline)
         self.splats = None if asked.splats is None else RelitSplats(asked.splats)
         self._given_exposure = asked.exposure
         self._exposures: dict[tuple[str | None, str], float] = {}
@@ -110,11 +112,10 @@ class Session:
         """Reset everything."""
         self.change(**{field.name: getattr(self.start, field.name) for field in fields(State)})
         with self.timeline.together():
-            for changed in (self.lamps, self.objects):
+            for changed in (self.lamps, self.objects, self.parts):
                 if changed is not None:
                     changed.reset()
-        if self.hand is not None:
-            self.set_hand(HandBench.reset)
+        self.set_hand(HandBench.reset)
 
     def anew(self, asked: SessionRequest) -> "Session":
         """A session of another request for the same scene, with the settings of this one."""
@@ -318,7 +319,7 @@ class Session:
     def shows_splats(self) -> bool:
         """Whether the picture shows splats. Without splats, and in all modes but the relit one, it shows the mesh."""
         splats, state = self.splats, self.state
-        relit = state.mode == "relit" and not state.by_hand
+        relit = state.mode == "relit" and not (state.by_hand or state.parts)
         return splats is not None and relit and not state.mesh and state.albedo in splats.source.looks
 
     def remembered(self, name: str, key: Any, compute: Callable[[], Any], *made_of: Any) -> Any:

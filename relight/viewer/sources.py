@@ -1,6 +1,7 @@
 """The engine behind a session, in the form that its lamps, its objects and its captured light need."""
 
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from ..engine.by_hand import LightByHand
     from ..insert.inserts import InsertedLight
     from ..splats.floor_mirror import FloorMirror
+    from ..splats.grown_part import GrowingSurface
 
 
 class LampSum(NamedTuple):
@@ -91,3 +93,14 @@ class HandSource(NamedTuple):
 
     lights: "Callable[[], LightByHand]"
     first_hits: Callable[[NDArray[np.float32]], Hits]
+
+
+class PartSource(NamedTuple):
+    """A scene whose capture can be parted. surface: returns the GrowingSurface, which takes long. first_hits: of rays
+    (N, 6) float32, scene frame. splats: every row of the capture. folder: of the scene, where parts are kept."""
+
+    surface: "Callable[[], GrowingSurface]"
+    first_hits: Callable[[NDArray[np.float32]], Hits]
+    splats: "Splats"
+    scene_from_splat: NDArray[np.float64]
+    folder: Path

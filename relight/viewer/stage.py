@@ -15,6 +15,7 @@ from vtkmodules.vtkRenderingCore import vtkTexture, vtkWindowToImageFilter
 from splat2mesh.scene.drawn import Drawn
 from splat2mesh.scene.scene import Scene
 
+from ..output.catcher import GroundLight
 from ..output.sheet import PAPER, grey
 from .camera import Orbit
 from .quick import display_bytes
@@ -32,7 +33,10 @@ SMOOTH = 2
 
 
 class Stage:
-    """Surface and sky as pictures in a VTK renderer. Pictures are (H, W, 3) uint8, bottom row first."""
+    """Surface and sky as pictures in a VTK renderer. Pictures are (H, W, 3) uint8, bottom row first.
+
+    ground: the light on the ground below an object, which shows before the sky; None without.
+    """
 
     def __init__(self, renderer: Any, scene: Scene) -> None:
         self._renderer, self._drawn = renderer, Drawn(scene)
@@ -40,6 +44,7 @@ class Stage:
         self._shown: NDArray[np.generic] = self._captured
         self._objects: tuple[InsertedLight, float, NDArray[np.uint8]] | None = None
         self._sky: NDArray[np.uint8] | None = None
+        self.ground: GroundLight | None = None
         self._raster: Raster | None = None
         self._behind = Raster(np.zeros((0, 3)), np.zeros((0, 3)))
         self._picture = vtkTexture()
@@ -94,15 +99,20 @@ class Stage:
         if self._raster is None:
             self._raster = Raster(vertices, faces)
         self._raster.look(orbit, size)
-        return self._raster.paint(shown, None if split is None else (before, split), self._turned(angle_deg), BACKDROP)
+        captured = None if split is None else (before, split)
+        return self._raster.paint(shown, captured, *self._back(angle_deg))
 
     def behind(self, orbit: Orbit, size: tuple[int, int], angle_deg: float | None = None) -> NDArray[np.uint8]:
         """The background of the scene: the sky at an angle, or without."""
         self._behind.look(orbit, size)
-        return self._behind.paint(np.zeros((0, 3), np.uint8), None, self._turned(angle_deg), BACKDROP)
+        return self._behind.paint(np.zeros((0, 3), np.uint8), None, *self._back(angle_deg))
 
-    def _turned(self, angle_deg: float | None) -> tuple[NDArray[np.uint8], float] | None:
-        return None if angle_deg is None or self._sky is None else (self._sky, angle_deg)
+    def _back(
+        self, angle_deg: float | None
+    ) -> tuple[tuple[NDArray[np.uint8], float] | None, NDArray[np.float32], GroundLight | None]:
+        """Sky, backdrop and ground of a picture."""
+        sky = None if angle_deg is None or self._sky is None else (self._sky, angle_deg)
+        return sky, BACKDROP, None if sky is None else self.ground
 
     def show(self, picture: NDArray[np.uint8]) -> None:
         """Show a picture behind the panel. A smaller one fills the window too."""

@@ -25,6 +25,7 @@ RANGES = {
     "lamps": (0.0, 10.0),
     "captured": (0.0, 1.0),
     "lamp_ev": (-4.0, 10.0),
+    "part_reach": (0.01, 1.0),
     **{f"hand_{name}": limits for name, limits in HAND_RANGES.items()},
 }
 """Ranges of the sliders. Angles wrap around, other values are clipped."""
@@ -48,7 +49,8 @@ class State:
     exposure. effects: those switched on. split: the captured colours show left of a line at `split_at`, 0..1 over the
     width. sky: the light shows behind the scene. turning: the light turns by itself. mesh: the mesh shows where there
     is a splat. lamps: factor on the light of captured lamps. placing: clicks put lamps in. arranging:
-    drags move objects. by_hand: the captured light is being set, and the surface shows its albedo.
+    drags move objects. by_hand: the captured light is being set, and the surface shows its albedo. parting: clicks make
+    a part of the capture, which the surface shows.
     """
 
     environment: str
@@ -69,6 +71,12 @@ class State:
     placing: bool = False
     arranging: bool = False
     by_hand: bool = False
+    parting: bool = False
+
+    @property
+    def parts(self) -> bool:
+        """Whether clicks make a part: lamps, objects and the captured light come first."""
+        return self.parting and not (self.placing or self.arranging or self.by_hand)
 
 
 def first_state(

@@ -17,6 +17,7 @@ from ..output.images import write_png
 from ..output.preview import default_camera
 from .camera import Orbit
 from .controls import CONTROLS
+from .ground import StandingGround
 from .modes import surface_colors
 from .mouse import Mouse
 from .panel import OfWindow, Panel, bars_of
@@ -49,6 +50,7 @@ class Window:
         self.plotter.render_window.SetMultiSamples(0)  # pictures are smooth; more take OpenGL four times as long
         self._stage, self.note = Stage(self.plotter.renderer, session.scene), ""
         self.panel = Panel(self.plotter.renderer)
+        self._ground = None if session.scene.is_place else StandingGround(session.scene)
         camera = session.scene.preview_camera or default_camera(session.scene, size[0] / size[1])
         orbit = Orbit.of(camera, session.scene.vertices, session.scene.diagonal)
         bars = bars_of(size) if session.state.panel else (0.0, 0.0)
@@ -129,7 +131,7 @@ class Window:
         self._ticked = now
         if self._recording is not None:
             self._recording.tick()
-        drawn = session.revision, self.orbit, self.size, self.note
+        drawn = self._shown
         changed = drawn != self._drawn
         if changed:
             self._moved = now
@@ -170,9 +172,17 @@ class Window:
             self._coming.close()
         self._coming = None
 
+    @property
+    def _shown(self) -> tuple:
+        """What the picture depends on."""
+        ground = self._ground is not None and self._ground.ready
+        return self.session.revision, self.orbit, self.size, self.note, ground
+
     def finish(self, timeout: float = 600.0) -> None:
         """Wait until the picture is complete, and draw it with smooth edges."""
         self.session.finish(timeout)
+        if self._ground is not None:
+            self._ground.wait()
         self._draw_now()
 
     def picture(self, panel: bool = True) -> NDArray:
@@ -246,6 +256,8 @@ class Window:
             self._recording.stop("the window was closed")
         self.mouse.lamps.leave()
         self._drop_coming()
+        if self._ground is not None:
+            self._ground.close()
         self.session.close()
         self.plotter.close()
 
@@ -263,8 +275,8 @@ class Window:
         """Draw the scene: smooth at rest, coarse while the camera moves. wait: for splats to be bound and fitted."""
         session, size = self.session, self.size
         still, self._seen_from = (self.orbit, size) == self._seen_from, (self.orbit, size)
-        self._drawn, self._resting = (session.revision, self.orbit, size, self.note), rests
-        angle = session.state.angle_deg if self._colored() else None
+        self._drawn, self._resting = self._shown, rests
+        angle = session.state.angle_deg if self._colored(rests) else None
         moves = not (rests or still)
         size = coarser(size) if moves else size
         if session.shows_splats:
@@ -274,8 +286,8 @@ class Window:
             picture = self._stage.drawn(self.orbit, size, split, angle, smooth=rests)
         self._stage.show(picture)
 
-    def _colored(self) -> bool:
-        """Give surface, objects and sky their colours; return whether the sky shows."""
+    def _colored(self, rests: bool) -> bool:
+        """Give surface, objects, sky and ground their colours; return whether the sky shows."""
         session, stage = self.session, self._stage
         stage.color(surface_colors(session))
         inserted = session.inserted
@@ -286,6 +298,8 @@ class Window:
         if painted != self._sky:
             self._sky = painted
             stage.paint_sky(session.answers.light.sky, session.sky_exposure())
+        if self._ground is not None:
+            stage.ground = self._ground.under(session.answers.light, session.state.angle_deg, rests)
         return True
 
     def _splats_drawn(

@@ -189,21 +189,34 @@ const modifierOf = (gloss) => !gloss ? MODIFIER : {
 
 const SKY_HEIGHT = 256;
 
-// Show the splat of a bundle in the viewer. opened: a promise of {splat, bundle}, of which splat are the bytes of a compressed
-// PLY. frame: scene_from_splat, 4 x 4. cameraFor: a function of the window's aspect, where to begin and what the key F shows.
-// options.proxy: the mesh that casts shadows. begin(stage, opened): lights the splats before they are first shown.
-async function host(container, opened, frame, cameraFor, options, begin) {
+// Open the viewer on a splat. contents: a promise of the bytes of a compressed PLY. cameraFor: a function of the window's
+// aspect, where to begin and what the key F shows. Returns the viewer and the first camera.
+async function opening(container, contents, cameraFor, options) {
   const name = "splat.compressed.ply", camera = cameraFor(innerWidth / innerHeight);
   const viewer = await createViewer({
-    container, contentUrl: name, contentFilename: name, contents: opened.then(({ splat }) => new Response(splat)), exposeGlobals: true,
+    container, contentUrl: name, contentFilename: name, contents: contents.then((bytes) => new Response(bytes)), exposeGlobals: true,
     settings: settingsFor(camera), renderer: options.renderer, ui: options.ui, noanim: true,
   });
   relightCamera = () => {
     const { position, target, fov } = cameraFor(innerWidth / innerHeight);
     return createCamera(new Vec3(position), new Vec3(target), fov);
   };
+  viewer.app.scene.gsplat.dataFormat = "large"; // the compact one has 11 bits in 0..4 for a colour
+  return { viewer, camera };
+}
+
+// Wait until the viewer shows what it loaded.
+async function shownIn(viewer) {
+  await new Promise((resolve) => viewer.state.loaded ? resolve() : viewer.events.once("loaded:changed", resolve));
+  if (viewer.state.cameraMode === "anim") viewer.state.cameraMode = "orbit"; // else a turn begins with the first key
+}
+
+// Show the splat of a bundle in the viewer. opened: a promise of {splat, bundle}, of which splat are the bytes of a compressed
+// PLY. frame: scene_from_splat, 4 x 4. cameraFor: as `opening` takes it.
+// options.proxy: the mesh that casts shadows. begin(stage, opened): lights the splats before they are first shown.
+async function host(container, opened, frame, cameraFor, options, begin) {
+  const { viewer, camera } = await opening(container, opened.then(({ splat }) => splat), cameraFor, options);
   const { app } = viewer;
-  app.scene.gsplat.dataFormat = "large"; // the compact one has 11 bits in 0..4 for a colour
   const { bundle } = await opened, objects = bundle.objects ? await objectsIn(app, bundle.objects, frame) : { show() {}, move() {} };
   const entity = await arrival(app, frame), { gsplat } = entity, { resource } = gsplat;
   resource.format.addExtraStreams([{ name: "live", format: PIXELFORMAT_RGBA16U }]);
@@ -222,8 +235,7 @@ async function host(container, opened, frame, cameraFor, options, begin) {
   gsplat.setWorkBufferModifier(modifierOf(bundle.gloss));
   const floor = bundle.ground ? floorIn(app, bundle.ground) : null;
   await begin({ viewer, app, entity, camera, show, recolour, objects, floor, sky: skyOf(app), canvas: app.graphicsDevice.canvas }, { bundle });
-  await new Promise((resolve) => viewer.state.loaded ? resolve() : viewer.events.once("loaded:changed", resolve));
-  if (viewer.state.cameraMode === "anim") viewer.state.cameraMode = "orbit"; // else a turn begins with the first key
+  await shownIn(viewer);
 }
 
 // Inserted objects among the splats: show(factor) shows them so many times as bright, or hides them; move(number, pose,

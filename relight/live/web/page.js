@@ -1,15 +1,7 @@
 // The page: the bundle that it holds, the session that lights it, the viewer that shows it.
 
 async function start() {
-  const data = JSON.parse(element("live-data").textContent), query = new URLSearchParams(location.hash.slice(1) || location.search);
-  document.body.insertAdjacentHTML("beforeend", `<div id="relight">${PANEL}</div><div id="relight-message"></div><div id="relight-line"></div>`);
-  const notify = (text) => {
-    element("relight-message").textContent = text;
-    element("relight-message").style.display = text ? "block" : "none";
-  };
-  try {
-    if (localStorage.getItem("controlsPanelOpen") === null) localStorage.setItem("controlsPanelOpen", "false"); // the viewer's list of keys
-  } catch { /* storage may be denied */ }
+  const { data, query, notify } = layOut(PANEL, `<div id="relight-line"></div>`);
   try {
     const files = readFiles(data), proxy = Live.readProxy(await files["proxy.glb"]), cameraFor = (aspect) => Live.framed(data.meta.camera, proxy.positions, aspect);
     let session = null;
@@ -32,17 +24,6 @@ async function opened(files, { files: names, splat, meta }) {
   await Live.checkSplat(bytes, meta.splats.find(({ file }) => file === splat));
   for (const name of names) read[name] = await files[name];
   return { splat: bytes, bundle: Live.readBundle(meta, read, splat) };
-}
-
-// Promises of the files of the bundle by name: packed in this page, or beside it.
-function readFiles({ files, packed }) {
-  return Object.fromEntries(files.map((name) => [name, packed ? unpacked[name] : beside(name)]));
-}
-
-async function beside(name) {
-  const answer = await fetch(name);
-  if (!answer.ok) throw new Error(`${name} is missing beside this page`);
-  return new Uint8Array(await answer.arrayBuffer());
 }
 
 const BY_HAND = ["tint", "green", "bright", "day", "dayAzimuth", "dayHeight", "dayShare"]; // what the address keeps of the captured light

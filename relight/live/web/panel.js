@@ -32,7 +32,6 @@ const PANEL = `
 </details><input id="r-file" type="file" accept=".hdr,.exr" hidden>`;
 
 const RADIANS = Math.PI / 180, DAY_LEVEL = 0.35; // mean luminance at which the map of the captured light is shown
-const element = (id) => document.getElementById(id);
 const rounded = (value) => typeof value === "number" ? String(+value.toFixed(3)) : value; // as the address has it
 
 // A row for the captured light and one for each lamp.

@@ -1,6 +1,7 @@
 """A sequence of splats in a new light: one captured light for all frames, and what an interrupted run leaves."""
 
 import json
+import re
 import shutil
 from dataclasses import replace
 
@@ -141,12 +142,33 @@ def test_pictures_of_the_frames_make_a_film(lit, monkeypatch):
     assert main(words) == 0 and (lit / "film" / f"{MOVED[:4]}.png").is_file()
 
 
+def test_a_page_plays_the_relit_frames(lit, monkeypatch, capsys):
+    monkeypatch.chdir(lit)
+    (lit / "three").mkdir()
+    for name in (STILL[0], MOVED, ALONE):
+        shutil.copy(lit / "frames" / name, lit / "three" / name)
+    assert main(["three", *LIGHT, "-o", "paged", "--format", "web", "--fps", "12"]) == 0
+    assert "paged/relit.html" in capsys.readouterr().out
+    report = json.loads((lit / "paged" / "report.json").read_text())
+    assert report["files"] == [STILL[0], MOVED, ALONE, "relit.html"]
+    page = (lit / "paged" / "relit.html").read_text("utf-8")
+    data = json.loads(re.search(r'id="live-data">(.*?)</script>', page)[1])
+    assert [data[key] for key in ("fps", "splats", "packed")] == [12.0, 3000, True]
+    low, high = data["camera"]["bounds"]  # of a ball of 2, 3 to the right in the second frame
+    assert high[0] - low[0] > 6.0
+    assert [each["file"] for each in data["frames"]] == [f"{number:04d}.compressed.ply" for number in range(3)]
+    assert data["sky"]["file"] == "sky.rgbe"
+    before = (lit / "paged" / STILL[0]).stat().st_mtime_ns
+    assert main(["three", *LIGHT, "-o", "paged", "--format", "web"]) == 0  # the frames stay
+    assert (lit / "paged" / STILL[0]).stat().st_mtime_ns == before
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [
         (["f_00.ply", "--sequence"], "--sequence: expected a folder of numbered splat files, found f_00.ply"),
         ([".", "--sequence", "--only", "f_00.ply"], "--only: a sequence does not heed it"),
-        ([".", "--sequence", "--format", "glb"], "--format: a sequence has splat, and png on request"),
+        ([".", "--sequence", "--format", "glb"], "--format: a sequence has splat, and png and web on request"),
         ([".", "--sequence", "--fps", "0"], "frames per second must be above 0"),
         ([".", "--sequence", "--plan"], "--plan: not supported for a sequence"),
         ([".", "--sequence", "--sheet"], "--sheet: a sequence does not heed it"),

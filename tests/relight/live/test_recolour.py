@@ -10,7 +10,7 @@ from browser import Browser, chromium
 from live_bundles import make_bundle
 from splat_samples import make_splats
 
-from relight.live.page import _script
+from relight.live.page import script_of
 from relight.live.proxy import write_proxy
 
 HARNESS = "recolour_alone.js"
@@ -28,7 +28,7 @@ def compared(folder, meta, kind):
     }
     packed = {name: base64.b64encode(path.read_bytes()).decode() for name, path in files.items()}
     harness = (Path(__file__).parents[2] / "support" / HARNESS).read_text("utf-8")
-    script = _script().replace("\nstart();\n", "\n" + harness)
+    script = script_of().replace("\nstart();\n", "\n" + harness)
     before = f"const META = {json.dumps(meta)}, FILES = {json.dumps(packed)}, KIND = '{kind}';"
     (folder / "alone.html").write_text(f"<body><script>{before}</script><script type=module>{script}</script>", "utf-8")
     with Browser(f"file://{folder}/alone.html", (320, 240), KINDS[kind]) as browser:
