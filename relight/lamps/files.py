@@ -1,4 +1,4 @@
-"""Files of lamps: JSON, glTF, USD. An IES profile is only a part of a lamp, which also needs a position.
+"""Files of lamps: JSON, glTF. An IES profile is only a part of a lamp, which also needs a position.
 
 JSON is a list of lamps, or {"lamps": [...]}: {"type": "sphere", "position": [1.5, 1.5, -1.5], "radius": 0.1,
 "radiance": [70, 55, 38]}. `type` is a key of `fields.FIELDS`, whose fields it may have; lengths as in the splat.
@@ -16,7 +16,6 @@ from splat2mesh.base.specs import clip, plain
 from .asked import AskedLamp
 from .fields import asked_lamp
 from .gltf_lights import read_gltf_lamps
-from .usd_lights import USD_SUFFIXES, read_usd_lamps
 
 MOST_LAMPS = 100_000
 
@@ -78,7 +77,6 @@ READERS: dict[str, Callable[[Path], list[AskedLamp]]] = {
     ".json": read_json_lamps,
     ".glb": read_gltf_lamps,
     ".gltf": read_gltf_lamps,
-    **dict.fromkeys(USD_SUFFIXES, read_usd_lamps),
 }
 
 LAMP_SUFFIXES = (*READERS, ".ies")

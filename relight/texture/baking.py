@@ -14,7 +14,6 @@ from splat2mesh.base.progress import Stages
 from splat2mesh.scene.color import bytes_from_unit, linear_from_srgb, srgb_from_linear
 from splat2mesh.splats.cleaning import clean
 from splat2mesh.texture.atlas import Atlas
-from splat2mesh.texture.fill import filled
 from splat2mesh.texture.looks import looks_from, looks_of
 from splat2mesh.texture.texture import texture_of
 
@@ -104,7 +103,7 @@ class Baked:
             if irradiance is not None:
                 shown = self.albedo[rows] * (self.atlas.interpolate(irradiance, rows) * np.float32(exposure))
             colors[rows] = bytes_from_unit(srgb_from_linear(np.clip(shown, 0.0, 1.0)))
-        return filled(self.atlas.size, self.atlas.texels, colors)
+        return self.atlas.image(colors)
 
 
 def bake(

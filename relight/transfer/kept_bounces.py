@@ -11,8 +11,7 @@ from splat2mesh.base.progress import Stages
 from splat2mesh.scene.scene import Scene
 
 from .bounce_places import BouncePlaces, Shooting
-from .bounces import Interreflection, Sharing, visible_fraction
-from .neighbors import Neighbors
+from .bounces import Interreflection, visible_fraction
 from .occluder import Occluder
 from .receivers import Receivers
 from .store import Cache, array_key
@@ -54,12 +53,6 @@ class KeptBounces:
                 if self.solid is not None:
                     self._occluder.shut(self.solid(self._occluder))
         return self._occluder
-
-    @property
-    def _neighbors(self) -> Neighbors:
-        """The Neighbors of the occluder."""
-        occluder = self.occluder
-        return Neighbors(occluder.origins, occluder.normals, occluder.faces, occluder.ranked)
 
     @property
     def receivers(self) -> Receivers:
@@ -121,7 +114,7 @@ class KeptBounces:
 
         def made(kept: Mapping[str, NDArray[Any]]) -> Interreflection:
             places = BouncePlaces.restored(kept, rays, len(faces), receivers.traced)
-            return Interreflection.of_places(places, rays, self.occluder, visible, Sharing(receivers, self._neighbors))
+            return Interreflection.of_places(places, rays, self.occluder, visible, receivers)
 
         with self._stages.stage("bounce rays kept"):
             found = self.cache.restored(made, "bounces", rays, self.seed, receivers.key)
@@ -134,8 +127,7 @@ class KeptBounces:
         receivers = self.receivers
         with self._stages.stage("bounce rays", len(receivers.rows)) as advance:
             places = BouncePlaces.shot(rays, Shooting(self.occluder, self.seed, advance, receivers))
-            sharing = Sharing(receivers, self._neighbors)
-            found = Interreflection.of_places(places, rays, self.occluder, visible, sharing)
+            found = Interreflection.of_places(places, rays, self.occluder, visible, receivers)
         self.rays_traced += rays * len(receivers.rows)
         with self._stages.stage("keep"):
             self.cache.put("bounces", rays, self.seed, receivers.key, **places._asdict())

@@ -5,9 +5,7 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Indices, Mask
 from splat2mesh.base.errors import InputError
-from splat2mesh.base.kernels import kernel
 from splat2mesh.base.progress import Advance
-from splat2mesh.base.threads import in_slices
 
 from ..light.suns import Suns
 from .neighbors import along_curve
@@ -36,17 +34,13 @@ def sunlight(
     batch = max(1, BATCH_RAYS // max(1, len(directions)))
     for start in range(0, len(origins), batch):
         part = slice(start, start + batch)
-        count = len(normals[part])
-        ends = np.zeros(count + 1, np.int64)
-        in_slices(_count, count, normals[part], directions, ends)
-        np.cumsum(ends, out=ends)
-        rays = np.zeros((ends[-1], 6), np.float32)
-        sun = np.zeros(ends[-1], np.int32)
-        in_slices(_aim, count, origins[part], normals[part], directions, ends, rays, sun)
-        if len(rays):
-            hidden = occluder.occluded(rays)
-            in_slices(_sum, count, normals[part], weights, ends, rays, sun, hidden, ordered[part])
-        advance(count)
+        cosine = np.einsum("vi,si->vs", normals[part], directions)
+        vertex, sun = np.nonzero(cosine > 0.0)
+        if len(vertex):
+            hidden = np.ones(cosine.shape, bool)
+            hidden[vertex, sun] = occluder.occluded(np.hstack([origins[part][vertex], directions[sun]]))
+            ordered[part] = summed(cosine, weights, hidden)
+        advance(len(cosine))
     radiance = np.empty_like(ordered)
     radiance[order] = ordered
     return radiance
@@ -66,61 +60,11 @@ def shining(suns: Suns) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
     return directions, np.ascontiguousarray(suns.weights[lit] / np.pi, np.float64)
 
 
-@kernel
-def _count(
-    begin: int, end: int, normals: NDArray[np.float32], directions: NDArray[np.float32], ends: NDArray[np.int64]
-) -> None:
-    """Number of suns before each vertex v, into ends[v + 1]."""
-    for v in range(begin, end):
-        nx, ny, nz = normals[v]
-        before = 0
-        for s in range(len(directions)):
-            before += nx * directions[s, 0] + ny * directions[s, 1] + nz * directions[s, 2] > np.float32(0)
-        ends[v + 1] = before
-
-
-@kernel
-def _aim(
-    begin: int,
-    end: int,
-    origins: NDArray[np.float32],
-    normals: NDArray[np.float32],
-    directions: NDArray[np.float32],
-    ends: NDArray[np.int64],
-    rays: NDArray[np.float32],
-    sun: NDArray[np.int32],
-) -> None:
-    for v in range(begin, end):
-        nx, ny, nz = normals[v]
-        ray = ends[v]
-        for s in range(len(directions)):
-            dx, dy, dz = directions[s]
-            if nx * dx + ny * dy + nz * dz > np.float32(0):
-                rays[ray, 0], rays[ray, 1], rays[ray, 2] = origins[v]
-                rays[ray, 3], rays[ray, 4], rays[ray, 5] = dx, dy, dz
-                sun[ray] = s
-                ray += 1
-
-
-@kernel
-def _sum(
-    begin: int,
-    end: int,
-    normals: NDArray[np.float32],
-    weights: NDArray[np.float64],
-    ends: NDArray[np.int64],
-    rays: NDArray[np.float32],
-    sun: NDArray[np.int32],
-    hidden: Mask,
-    radiance: NDArray[np.float32],
-) -> None:
-    for v in range(begin, end):
-        nx, ny, nz = normals[v]
-        red, green, blue = 0.0, 0.0, 0.0
-        for ray in range(ends[v], ends[v + 1]):
-            if not hidden[ray]:
-                cosine = np.float64(nx * rays[ray, 3] + ny * rays[ray, 4] + nz * rays[ray, 5])
-                red += weights[sun[ray], 0] * cosine
-                green += weights[sun[ray], 1] * cosine
-                blue += weights[sun[ray], 2] * cosine
-        radiance[v, 0], radiance[v, 1], radiance[v, 2] = red, green, blue
+def summed(
+    cosine: NDArray[np.float32],  # (V, S) between normals and suns
+    weights: NDArray[np.float64],  # (S, 3), of `shining`
+    hidden: Mask,  # (V, S)
+) -> NDArray[np.float32]:
+    """The exit radiance that suns give white vertices, (V, 3) float32."""
+    seen = np.where(hidden, np.float32(0.0), np.maximum(cosine, np.float32(0.0)))
+    return np.asarray(np.einsum("vs,sc->vc", seen, weights), np.float32)

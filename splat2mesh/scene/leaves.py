@@ -152,9 +152,9 @@ class Lattice:
     def interpolate(self, values: Floats, rows: slice | Indices = slice(None)) -> NDArray[np.float32]:
         """(P, C) float32 of probes -> (R, C) float32 of the points, or of some rows of them."""
         columns, weights = self._columns[rows], self._weights[rows]
-        result = np.zeros((len(columns), values.shape[1]), np.float32)
-        in_slices(_interpolate, len(columns), columns, weights, values, result)
-        return result
+        starts = np.arange(0, columns.size + 1, columns.shape[1])
+        matrix = scipy.sparse.csr_array((weights.ravel(), columns.ravel(), starts), (len(columns), len(values)))
+        return np.asarray(matrix @ values)
 
 
 @kernel
@@ -190,20 +190,3 @@ def _surround(
         )
         for corner in range(8):
             weights[r, corner] = shares[corner] / total
-
-
-@kernel
-def _interpolate(
-    begin: int,
-    end: int,
-    columns: NDArray[np.int32],
-    weights: NDArray[np.float32],
-    values: NDArray[np.float32],
-    result: NDArray[np.float32],
-) -> None:
-    for r in range(begin, end):
-        for corner in range(8):
-            weight, row = weights[r, corner], columns[r, corner]
-            if weight > np.float32(0):
-                for c in range(values.shape[1]):
-                    result[r, c] += weight * values[row, c]
