@@ -108,7 +108,9 @@ def skinned(
     matrices: Floats,  # (N, 4, 4): of every joint, its pose times its inverse bind matrix
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Linear blend skinning: as `moved`, each vertex under its own weighted mean of matrices."""
-    own = np.einsum("vj,vjrc->vrc", np.asarray(weights, np.float64), np.asarray(matrices, np.float64)[joints])
+    shares = np.asarray(weights, np.float64)
+    bound = np.where(shares[..., None, None] != 0.0, np.asarray(matrices, np.float64)[joints], 0.0)
+    own = np.einsum("vj,vjrc->vrc", shares, bound)
     place = np.einsum("vrc,vc->vr", own[:, :3, :3], vertices) + own[:, :3, 3]
     turned = np.einsum("vrc,vc->vr", for_normals(own), normals)
     length = np.linalg.norm(turned, axis=1, keepdims=True)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.errors import DataWarning
 from splat2mesh.base.progress import Advance
-from splat2mesh.scene.color import luminance
+from splat2mesh.scene.color import BLACK, luminance
 
 from ..lamps.emitters import Emitters, emitters_of
 from ..lamps.shapes import Lamp
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from .appearance import Appearance
     from .relighter import Relighter
 
-LEAST_LIGHT, MOST_ALBEDO = 1e-4, 0.95
+MOST_ALBEDO = 0.95
 
 DRAFT_RAYS = 32
 
@@ -216,7 +216,7 @@ class LampLight:
         if room is None or self._evenness is None:
             return np.asarray(albedo, np.float32)
         # What few rays and dents make of the captured light would be seen as blotches.
-        light = np.exp(self._evenness.average(np.log(np.maximum(room.irradiance, LEAST_LIGHT)), ROUNDS))
+        light = np.exp(self._evenness.average(np.log(np.maximum(room.irradiance, BLACK)), ROUNDS))
         even = np.clip(self._look.captured / light, 0.0, MOST_ALBEDO).astype(np.float32)
         return np.where(room.glow.any(axis=1, keepdims=True), room.albedo, even)
 

@@ -32,8 +32,6 @@ most. With 13 blocks and all of their vertices the error of 10,000 lamps was pre
 MANY_REFERENCE = 64
 """Rays of that reference in half-shadows."""
 
-LEAST_LIGHT = 1e-9
-
 
 class RayPlan(NamedTuple):
     """The rays for placed lamps, or for their first bounce, with their error and time.
@@ -116,12 +114,12 @@ def plan_lamps(
         seconds = (time.perf_counter() - start) * count / len(rows)
         squares = np.square(found[judged] - true).mean(axis=1, dtype=np.float64)
         doubt = float(squares.std()) / len(squares) ** 0.5 if many else 0.0  # few errors are large
-        error = (float(squares.mean()) + doubt) ** 0.5 / max(whole, LEAST_LIGHT)
+        error = (float(squares.mean()) + doubt) ** 0.5 / max(whole, np.finfo(np.float64).tiny)
         curve.append((seconds, error, rays))
         if error < tolerance / 4.0:
             break
     kept = next((step for step in curve if step[1] <= tolerance), curve[-1])
-    share = float(true.sum() / max(float((true + beside).sum()), LEAST_LIGHT))
+    share = float(true.sum() / max(float((true + beside).sum()), np.finfo(np.float64).tiny))
     return RayPlan(kept[2], kept[1], kept[0], curve, kept[1] <= tolerance, share)
 
 

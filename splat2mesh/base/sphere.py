@@ -8,8 +8,14 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+EVENLY = 256
+"""Directions that stand for all: 9 degrees apart."""
 
-def fibonacci_sphere(count: int, first: float = 0.0) -> NDArray[np.float64]:
+NO_DIRECTION = 1e-3
+"""Length of a mean of unit vectors below which they cancel."""
+
+
+def fibonacci_sphere(count: int = EVENLY, first: float = 0.0) -> NDArray[np.float64]:
     """Unit directions (N, 3) float64 that share the sphere evenly, from +y to -y.
 
     first: azimuth of the first one, in golden angles, from +x towards +z.

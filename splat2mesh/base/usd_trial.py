@@ -5,8 +5,9 @@ import subprocess
 import sys
 
 from .errors import InputError
+from .inputs import GIB
 
-FREE_BYTES, BYTES_PER_BYTE = 1 << 30, 32
+FREE_BYTES, BYTES_PER_BYTE = GIB, 32
 """Memory that a file may take to open: so much, and as much for each of its bytes. Arrays unpack to some 4 times."""
 
 FREE_S, BYTES_PER_S = 60.0, 10 << 20
