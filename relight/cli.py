@@ -37,7 +37,7 @@ LIGHT_STAGES = frozenset(
 
 MOST_PORT = 65535
 
-LAMPS_PICTURE, NORTH_PICTURE = "lamps.png", "north.png"
+LAMPS_PICTURE = "lamps.png"
 """Pictures that `--plan` writes into the folder of the scene: for a room with lamps their numbers for `--lamps`; for
 the sun of a date an arrow to the north, for `--north`."""
 
@@ -243,18 +243,13 @@ def _planned(request: RelightRequest, stages: Stages, plot: str | None) -> tuple
     lines = report.table()
     if plot is not None:
         lines.append(_plotted(report, Path(plot)))
-    pictures = {
-        LAMPS_PICTURE: (report.lamps_picture, "its lamps by number, for --lamps 1=off,2=0.5"),
-        NORTH_PICTURE: (report.north_picture, "an arrow to the north, for --north"),
-    }
-    for name, (picture, what) in pictures.items():
-        if picture is not None:
-            from .output.images import write_png
+    if report.lamps_picture is not None:
+        from .output.images import write_png
 
-            path = Path(request.output or _picture_folder(str(request.scene))) / name
-            path.parent.mkdir(parents=True, exist_ok=True)
-            write_png(path, picture)
-            lines.append(f"{path}: {what}")
+        path = Path(request.output or _picture_folder(str(request.scene))) / LAMPS_PICTURE
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_png(path, report.lamps_picture)
+        lines.append(f"{path}: its lamps by number, for --lamps 1=off,2=0.5")
     plan, lamps = report.plan and report.plan.as_dict(), report.lamps and report.lamps.as_dict()
     more = {"gloss": report.gloss and report.gloss.as_dict(), "inserts": report.inserts and report.inserts.as_dict()}
     more["mirrored_floor"] = report.mirrored_floor
