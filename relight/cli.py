@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from splat2mesh.base.choices import MOST_STEPS
 from splat2mesh.base.collecting import compile_without_collector, import_without_collector
 from splat2mesh.base.commandline import chosen, several, share
 from splat2mesh.base.console import Display, notify, open_streams, run
@@ -23,7 +24,7 @@ from .light import CAPTURED_SKIES, SKIES
 from .light.axes import check_axis
 from .options import LightingOptions
 from .output.kinds import BAKED, CITY_FILES, COLOR_SPACES, FILES, HARMONICS
-from .request import MOST_ANGLES, RelightRequest
+from .request import RelightRequest
 from .transfer import METHODS
 
 if TYPE_CHECKING:
@@ -69,8 +70,8 @@ def angles_from(text: str) -> list[float]:
     if step == 0.0 or (stop - start) / step < 0.0:
         raise InputError(f"--rotate {text}: a step of {step:g} does not lead from {start:g} to {stop:g}")
     count = math.floor((stop - start) / step + 1e-6) + 1
-    if count > MOST_ANGLES:
-        raise InputError(f"--rotate {text}: {count} angles; expected at most {MOST_ANGLES}, take a larger step")
+    if count > MOST_STEPS:
+        raise InputError(f"--rotate {text}: {count} angles; expected at most {MOST_STEPS}, take a larger step")
     return list(dict.fromkeys(round((start + i * step) % 360.0, 6) % 360.0 for i in range(count)))
 
 

@@ -14,6 +14,7 @@ from splat2mesh.scene.color import luminance
 from splat2mesh.splats.joining import joined
 
 from ..engine.appearance import CAPTURE, CAPTURE_OF_PLACE
+from ..engine.relit_room import SOFTNESS
 from ..transfer.occluder import Frame
 from .asked import AskedInsert
 from .gathering import Casting, change_at, light_on
@@ -40,10 +41,6 @@ STRENGTHS = 0.5, 2.0
 
 LATER_BOUNCES = 4
 """Bounces of the change: in a garden they darken the shadow of an object by a tenth."""
-
-SOFTNESS = 0.05
-"""Share of the median irradiance, added before and after: where a surface received next to no light, the part that an
-object occludes is as uncertain."""
 
 LEAST_RATIO = 0.03
 """Least share of the light that remains: no shadow is black, and captured colours do not resolve darker ones."""

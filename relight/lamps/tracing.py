@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.kernels import kernel
-from splat2mesh.base.threads import in_slices
+from splat2mesh.base.threads import ROWS_AT_ONCE, in_slices
+from splat2mesh.render.raycaster import FREE
 
 from ..transfer.neighbors import along_curve
 from ..transfer.occluder import BATCH_RAYS, Occluder
@@ -23,7 +24,7 @@ from .choosing import ALONE, Chosen, chosen_at
 from .emitters import Emitters
 from .unoccluded import BALL, aimed, directed, tube_rule, unoccluded
 
-PILOT_RAYS, PILOT_PART = 4, 4
+PILOTS = 4
 """Rays that go first to an emitter of some size: a quarter of all, but at least so many. What they miss of a
 half-shadow is the larger part of the error: with 4 of 128 it stays at 3%, where 32 of 128 bring it to .4%."""
 
@@ -33,11 +34,6 @@ POINT_ANGLE = 2e-3
 CHANCE_PART = 6
 """Emitters that it takes for all the others, per ray in half-shadows; one ray to each. Among 500 bulbs that are as
 bright as each other, the worst case, the error is .03 with 32 rays; with 2 instead of 6 it is .07."""
-
-BATCH_VERTICES = 2**14
-
-REACHED = 0.9999
-"""Part of the path to an emitter that must be free, since emitters are often part of the mesh."""
 
 
 class LitVertices(NamedTuple):
@@ -63,7 +59,7 @@ def lamplight(
     vertices = at if isinstance(at, Ordered) else ordered(occluder, *at, seed)
     found = np.zeros((len(vertices.order), 3), np.float32)
     count = len(emitters.kind)
-    batch = max(1, min(BATCH_VERTICES, BATCH_RAYS // count)) if every and count else BATCH_VERTICES
+    batch = max(1, min(ROWS_AT_ONCE, BATCH_RAYS // count)) if every and count else ROWS_AT_ONCE
     for start in range(0, len(found) if count else 0, batch):
         part = slice(start, start + batch)
         lit = Lit(occluder, emitters, tuple(each[part] for each in vertices[1:]))
@@ -119,7 +115,7 @@ def _add(lit: Lit, chosen: Chosen, rays: int, least: float, found: NDArray[np.fl
     emitter: NDArray[np.int32] = chosen.emitters[row, slot]
     light = light[row, slot]
     pilots: NDArray[np.int32] = np.zeros(len(vertex), np.int32)
-    most = min(rays, max(PILOT_RAYS, rays // PILOT_PART))
+    most = min(rays, max(PILOTS, rays // PILOTS))
     in_slices(_pilots, len(vertex), origins, emitters, vertex, emitter, most, pilots)
     if len(emitters.kind) > chosen.emitters.shape[1]:  # what was taken by chance is one of many
         pilots[slot >= ALONE] = 1
@@ -147,7 +143,7 @@ def _visible(
         weights = np.zeros(len(shots), np.float32)
         pairs = (vertex[part], emitter[part], ends[start : stop + 1] - ends[start])
         in_slices(_aim, stop - start, *lit.places, lit.emitters, *pairs, np.float32(shift), shots, weights)
-        hidden = lit.occluder.occluded(shots, REACHED)
+        hidden = lit.occluder.occluded(shots, FREE)
         in_slices(_weigh, stop - start, pairs[2], weights, hidden, free[part], mixed[part])
         start = stop
     return free, mixed

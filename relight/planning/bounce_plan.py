@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 from ..transfer.bounces import Interreflection
 from ..transfer.first_bounce import first_bounce
 from ..transfer.occluder import Occluder
+from .costs import RAYS
 from .lamp_plan import SAMPLE, RayPlan
 
-CHOICES = 64, 128, 256, 512
+CHOICES = RAYS[4:8]
 
 
 BRIGHT = 90.0

@@ -29,13 +29,16 @@ FOLLOWED = 4  # bounces
 SUNS_AT = 30, 0.01
 """Suns to expect before they are found: so many for this tolerance, as its inverse square root."""
 
-BOUNCE_RAYS = tuple(2**power for power in range(3, 10))
+RAYS = tuple(2**power for power in range(2, 12))
+"""Rays per vertex to choose from: 4 to 2,048."""
+
+BOUNCE_RAYS = RAYS[1:8]
 """Rays per vertex that gather bounced light, to choose from."""
 
-BOUNCE_NOISE, BOUNCE_POWER = 0.294, -0.61
+BOUNCE_NOISE, BOUNCE_POWER = 0.242, -0.61
 """Error of bounced light by rays per vertex, a law, over all light and the root of the share that bounced: the fewer
-rays meet anything, the noisier. .083 of 8 to .0065 of 512: upper end of three scenes with shares of .06 to .15 (a
-corner with .33 has two thirds). `bounce_check` finds what it is."""
+rays meet anything, the noisier. .068 of 8 to .0054 of 512: four fifths of the upper end of three scenes with shares of
+.06 to .15. `bounce_check` finds what it is, and calls for more rays."""
 
 PREDICTED = 1.06
 """Noise where neighbours predict some of the rays over that where all are traced, after averaging: 1.00 to 1.09 in

@@ -11,18 +11,19 @@ from ..lamps.emitters import Emitters
 from ..lamps.tracing import CHANCE_PART, LitVertices, lamplight
 from ..transfer.neighbors import along_curve
 from ..transfer.occluder import Occluder
+from .costs import RAYS
 
 SAMPLE = 1024
 """Vertices of the sample. Of half-shadows, which are on a tenth of them, it has a hundred."""
 
-CHOICES = 8, 16, 32, 64, 128, 256
-REFERENCE = 1024
+CHOICES = RAYS[1:7]
+REFERENCE = SAMPLE
 
 MANY = ALONE + CHANCE_PART * CHOICES[0]
 """Emitters beyond which some choice of rays makes vertices choose among them. The sample then consists of whole blocks
 of vertices, which share a list of the brightest, and its reference takes every emitter at each vertex."""
 
-MORE_CHOICES = 512, 1024
+MORE_CHOICES = RAYS[7:9]
 """Rays that may be taken beyond CHOICES where vertices choose among many emitters: with them the choice grows."""
 
 BLOCKS, JUDGED, MANY_PAIRS = 96, 4, 2**22

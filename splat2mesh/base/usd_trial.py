@@ -17,7 +17,7 @@ _TEXT = b"#usda"
 
 _TRIAL = """
 import sys
-from pxr import Tf, Usd, UsdLux
+from pxr import Tf, Usd
 try:
     import resource
     with open("/proc/self/statm") as file:
@@ -28,7 +28,7 @@ except (ImportError, OSError, ValueError):
 try:
     stage = Usd.Stage.Open(sys.argv[1])
     for prim in stage.Traverse(Usd.TraverseInstanceProxies()):
-        if prim.HasAPI(UsdLux.LightAPI) or prim.GetTypeName() == "ParticleField3DGaussianSplat":
+        if prim.GetTypeName() == "ParticleField3DGaussianSplat":
             for attribute in prim.GetAttributes():
                 attribute.Get()
 except Tf.ErrorException as error:
