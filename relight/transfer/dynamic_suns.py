@@ -9,7 +9,7 @@ from ..light.suns import Suns
 from .bodies import Sight
 from .dynamic import DynamicTransfer
 from .reach import Beams
-from .sunlight import shining, summed
+from .sunlight import cosines, shining
 
 
 class DynamicSunlight:
@@ -49,9 +49,9 @@ class DynamicSunlight:
             radiance = np.zeros((len(changed), 3), np.float32)
             hidden = sight.hidden(nodes)
             sight.summed_up(nodes, hidden)
-            cosine = np.einsum("vi,si->vs", body.node_normals[nodes], self._directions)
-            blocked = np.unpackbits(hidden, axis=1, count=len(self._directions)).astype(bool)
-            radiance[nodes] = summed(cosine, self._weights, blocked)
+            cosine = cosines(body.node_normals[nodes], self._directions)
+            cosine[np.unpackbits(hidden, axis=1, count=len(self._directions)).astype(bool)] = 0.0
+            radiance[nodes] = np.einsum("vs,sc->vc", cosine.astype(np.float64), self._weights)
             own = np.flatnonzero(changed[body.rings.node])
             self.radiance[body.rows[own]] = radiance[body.rings.node[own]]
             rows.append(body.rows[own])

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from splat2mesh.base.arrays import Indices, Mask
+from splat2mesh.base.arrays import Indices
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.progress import Advance
 
@@ -34,12 +34,13 @@ def sunlight(
     batch = max(1, BATCH_RAYS // max(1, len(directions)))
     for start in range(0, len(origins), batch):
         part = slice(start, start + batch)
-        cosine = np.einsum("vi,si->vs", normals[part], directions)
+        cosine = cosines(normals[part], directions)
         vertex, sun = np.nonzero(cosine > 0.0)
         if len(vertex):
-            hidden = np.ones(cosine.shape, bool)
-            hidden[vertex, sun] = occluder.occluded(np.hstack([origins[part][vertex], directions[sun]]))
-            ordered[part] = summed(cosine, weights, hidden)
+            rays = np.concatenate([origins[part].take(vertex, axis=0), directions.take(sun, axis=0)], axis=1)
+            hidden = occluder.occluded(rays)
+            cosine[vertex[hidden], sun[hidden]] = 0.0
+            ordered[part] = np.einsum("vs,sc->vc", cosine.astype(np.float64), weights)
         advance(len(cosine))
     radiance = np.empty_like(ordered)
     radiance[order] = ordered
@@ -60,11 +61,9 @@ def shining(suns: Suns) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
     return directions, np.ascontiguousarray(suns.weights[lit] / np.pi, np.float64)
 
 
-def summed(
-    cosine: NDArray[np.float32],  # (V, S) between normals and suns
-    weights: NDArray[np.float64],  # (S, 3), of `shining`
-    hidden: Mask,  # (V, S)
-) -> NDArray[np.float32]:
-    """The exit radiance that suns give white vertices, (V, 3) float32."""
-    seen = np.where(hidden, np.float32(0.0), np.maximum(cosine, np.float32(0.0)))
-    return np.asarray(np.einsum("vs,sc->vc", seen, weights), np.float32)
+def cosines(normals: NDArray[np.float32], directions: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Of the angles between normals (V, 3) and suns (S, 3), (V, S), 0 for suns behind."""
+    found = normals[:, 0, None] * directions[:, 0]
+    for axis in (1, 2):
+        found += normals[:, axis, None] * directions[:, axis]
+    return np.maximum(found, np.float32(0.0), out=found)

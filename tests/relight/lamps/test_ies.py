@@ -149,5 +149,5 @@ def test_a_file_too_large_is_not_read(tmp_path):
     path = tmp_path / "large.ies"
     with open(path, "wb") as file:
         file.truncate(LARGEST_TEXT + 1)
-    with pytest.raises(InputError, match="over 16 MB"):
+    with pytest.raises(InputError, match="over 64 MB"):
         read_profile(path)
