@@ -23,9 +23,8 @@ from ..options import lamp_name
 from ..rooms.interior import closed_part, room_notice
 from ..rooms.keeping import as_arrays, room_from
 from ..rooms.room import Pointed, room_of
-from ..transfer import DEFAULT_BANDS
 from ..transfer.bounces import visible_fraction
-from ..transfer.settings import BOUNCE_RAYS, Settings
+from ..transfer.settings import Settings
 from ..transfer.store import array_key
 from .relighter import Relighter
 
@@ -35,12 +34,12 @@ if TYPE_CHECKING:
 
 CHOICES = ("estimated", "captured", "white")
 
-WAY = 25
+WAY = 24
 """Version of the estimate of light and albedo. It increases when the numbers change, and invalidates cached
 estimates."""
 
-CAPTURE = Settings("raytraced", DEFAULT_BANDS, BOUNCE_RAYS, bounce_rays=BOUNCE_RAYS)
-"""Transfer and bounces for the estimate of the captured light. They are those that most lights of a place need later,
+CAPTURE, CAPTURE_OF_PLACE = (Settings("raytraced", 8, 64, bounce_rays=rays) for rays in (16, 32))
+"""Transfer and bounces for the estimate of the captured light. In a place they are those that most lights need later,
 and the cache then holds them."""
 
 
@@ -218,7 +217,7 @@ def bounced_light(relighter: "Relighter") -> NDArray[np.float32]:
     scene = relighter.scene
     if len(scene.source.get("objects") or ()) > 1:  # each was captured by itself
         return np.zeros_like(scene.colors_linear)
-    known = relighter.transport(CAPTURE)
+    known = relighter.transport(CAPTURE_OF_PLACE if scene.is_place else CAPTURE)
     return np.asarray(known.interreflection.bounce(scene.colors_linear), np.float32)
 
 
@@ -268,7 +267,7 @@ def _estimated(
     relighter: "Relighter",
     said: "Said",
 ) -> dict[str, Any]:
-    known = relighter.transport(CAPTURE, alone=True)
+    known = relighter.transport(CAPTURE_OF_PLACE if relighter.scene.is_place else CAPTURE, alone=True)
     with relighter.stages.stage("albedo"):
         scene, sky = relighter.scene, sky_of(relighter.scene)
         looks = looks_from(scene, relighter.occluder)

@@ -21,7 +21,7 @@ from ..rooms.room import Room
 from ..transfer.bounces import with_bounces
 from ..transfer.settings import Settings
 from ..transfer.store import array_key
-from .appearance import CAPTURE, Appearance
+from .appearance import CAPTURE_OF_PLACE, Appearance
 from .assumed_light import OUTSIDE, assumed_change
 from .relighter import Relighter, Shading
 
@@ -119,7 +119,7 @@ class RelitRoom:
         look, room = self._look, self._look.room
         if room is None or all(factor == 1.0 for factor in self._factors):
             return look.captured
-        settings = CAPTURE
+        settings = CAPTURE_OF_PLACE
         outside = np.zeros_like(look.captured)
         if not self._shut:
             outside = self._from_outside(settings)
@@ -145,7 +145,7 @@ class RelitRoom:
             return factors[0] * room.by_lamps
         if not len(factors):
             return room.by_lamps
-        interreflection = self._relighter.transport(CAPTURE).interreflection
+        interreflection = self._relighter.transport(CAPTURE_OF_PLACE).interreflection
         before, after = (
             with_bounces(np.einsum("l,lvc->vc", weights, room.lamp_light), room.albedo, interreflection)[0]
             for weights in (np.ones_like(factors), factors)

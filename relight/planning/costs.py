@@ -37,8 +37,9 @@ BOUNCE_RAYS = RAYS[1:8]
 
 BOUNCE_NOISE, BOUNCE_POWER = 0.242, -0.61
 """Error of bounced light by rays per vertex, a law, over all light and the root of the share that bounced: the fewer
-rays meet anything, the noisier. .068 of 8 to .0054 of 512: four fifths of the upper end of three scenes with shares of
-.06 to .15. `bounce_check` finds what it is, and calls for more rays."""
+rays meet anything, the noisier. .068 of 8 to .0054 of 512: upper end of three scenes with shares of .06 to .15, without
+the average over rings (a corner with .33 has two thirds), times what that leaves of it on a patio and in a parlour; on
+objects it leaves less. `bounce_check` finds what it is."""
 
 PREDICTED = 1.06
 """Noise where neighbours predict some of the rays over that where all are traced, after averaging: 1.00 to 1.09 in

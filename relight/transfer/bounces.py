@@ -14,6 +14,7 @@ of an open surface. The vertex normals define the front, not the winding.
 
 import math
 from collections import deque
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,9 +24,11 @@ from splat2mesh.base.errors import InputError
 from splat2mesh.base.progress import Advance
 from splat2mesh.base.threads import in_order, in_slices, read_only
 
+from .bounce_blend import BounceBlend, Met, known_lights
 from .bounce_places import BouncePlaces, Shooting, batch_of
 from .bounce_rows import gather, gather_rgb, unpack
 from .checks import check_shape, checked_albedo
+from .neighbors import Neighbors
 from .occluder import Occluder
 from .receivers import Receivers
 from .settings import BOUNCE_RAYS, BOUNCE_TOLERANCE
@@ -39,6 +42,17 @@ ROUNDING = 1e-5
 BLOCK_COEFFICIENTS = 8
 """Transfer coefficients carried through all bounces at once: in three colours three whole vectors of 8 float32.
 A third of the time of one by one; 16 gain nothing more."""
+
+
+class Sharing(NamedTuple):
+    """How rows serve more vertices than their own.
+
+    receivers: those whose rows are traced, from which others take over; all without. neighbors: over whose rings what
+    rays met is averaged (`bounce_blend`); without, every vertex has its own rays alone.
+    """
+
+    receivers: Receivers | None = None
+    neighbors: Neighbors | None = None
 
 
 class Interreflection:
@@ -58,7 +72,7 @@ class Interreflection:
         seed: int = 0,
         visible: Floats | None = None,  # (V,) visible fraction of the cosine lobe; see `visible_fraction`
         advance: Advance = lambda count: None,  # called with the number of vertices done
-        receivers: Receivers | None = None,  # whose rows are traced, from which others take over; all without
+        sharing: Sharing = Sharing(),  # noqa: B008
     ) -> None:
         """Trace the rays. A row depends on its vertex, the seed and the scene, not on vertex order or threads.
 
@@ -67,8 +81,8 @@ class Interreflection:
         Without it, a row sums to the fraction of its own rays that hit. Either way, hits on back faces do not count.
         Raises InputError for rays outside 1..65536 and for a `visible` that is not (V,) in [0, 1].
         """
-        places = BouncePlaces.shot(rays, Shooting(occluder, seed, advance, receivers))
-        self._make(places, rays, occluder, visible, receivers)
+        places = BouncePlaces.shot(rays, Shooting(occluder, seed, advance, sharing.receivers))
+        self._make(places, rays, occluder, visible, sharing)
 
     @classmethod
     def of_places(
@@ -77,22 +91,17 @@ class Interreflection:
         rays: int,
         occluder: Occluder,
         visible: Floats | None = None,
-        receivers: Receivers | None = None,
+        sharing: Sharing = Sharing(),  # noqa: B008
     ) -> "Interreflection":
         """The same of rays that were traced before."""
         self = cls.__new__(cls)
-        self._make(places, rays, occluder, visible, receivers)
+        self._make(places, rays, occluder, visible, sharing)
         return self
 
     def _make(
-        self,
-        places: BouncePlaces,
-        rays: int,
-        occluder: Occluder,
-        visible: Floats | None,
-        receivers: Receivers | None,
+        self, places: BouncePlaces, rays: int, occluder: Occluder, visible: Floats | None, sharing: Sharing
     ) -> None:
-        self.rays, self.receivers = rays, receivers
+        self.rays, self.receivers = rays, sharing.receivers
         self._rows, self.hits = places.rows, places.hits
         met, count = int(self.hits.sum()), len(places.places)
         self.back_hits = (met - count) / max(met, 1)
@@ -100,6 +109,11 @@ class Interreflection:
         self._starts = np.append(0, np.cumsum(places.used, dtype=np.int64))
         self._corners, self._parts = np.empty((count, 3), np.uint32), np.empty((count, 2), np.uint8)
         in_slices(unpack, count, places.places, read_only(occluder.faces, np.uint32), self._corners, self._parts)
+        self._normals = occluder.normals
+        self._blend: BounceBlend | None = None
+        fronts = np.zeros_like(self.hits)
+        fronts[places.rows] = places.used
+        self._fronts, self._neighbors = fronts, sharing.neighbors
         self.scale_to(visible)
 
     @property
@@ -125,6 +139,16 @@ class Interreflection:
             expected = f"({len(self.hits)},) or ({len(self.hits)}, C)"
             raise InputError(f"the radiance must have shape {expected}, found {radiance.shape}")
         columns = read_only(radiance.reshape(len(radiance), -1))
+        if self._blend is None:
+            result = self._gathered(columns, self._scale)
+        else:
+            result = self.hidden[:, None] * self._blend(self._gathered(columns, self._per_hit))
+        if self.receivers is not None:
+            self.receivers.filled(result)
+        return result.reshape(radiance.shape)
+
+    def _gathered(self, columns: NDArray[np.float32], scale: NDArray[np.float32]) -> NDArray[np.float32]:
+        """(V, C) sums over the hits of each row of columns (V, C), times a scale (V,)."""
         result = np.zeros_like(columns)
         kernel = gather_rgb if columns.shape[1] == 3 else gather
         batch = batch_of(self.rays)
@@ -132,12 +156,10 @@ class Interreflection:
         def work(start: int) -> None:
             part = slice(start, start + batch)
             starts = self._starts[start : start + batch + 1]
-            kernel(self._rows[part], starts, self._corners, self._parts, self._scale, columns, result)
+            kernel(self._rows[part], starts, self._corners, self._parts, scale, columns, result)
 
         deque(in_order(work, range(0, len(self._rows), batch)), maxlen=0)
-        if self.receivers is not None:
-            self.receivers.filled(result)
-        return result.reshape(radiance.shape)
+        return result
 
     def scale_to(self, visible: Floats | None) -> None:
         """Scale the rows to complement a visible fraction, (V,), or to the fraction of their own rays that hit."""
@@ -152,6 +174,18 @@ class Interreflection:
             hidden = np.clip(1.0 - visible, 0.0, 1.0)
             self.hidden = hidden.astype(np.float32)
             self._scale = (hidden / np.maximum(self.hits, 1)).astype(np.float32)
+        self._blend = None if self._neighbors is None else self._blend_over(self._neighbors)
+
+    def _blend_over(self, neighbors: Neighbors) -> BounceBlend:
+        lights = known_lights(1.0 - self.hidden, self._normals)
+        if self.receivers is not None:
+            self.receivers.filled(lights)
+        met = self._gathered(np.hstack([lights, lights**2]), self._per_hit)
+        return BounceBlend(neighbors, Met(self.hits, self._fronts, self.hidden, self.rays), met)
+
+    @property
+    def _per_hit(self) -> NDArray[np.float32]:
+        return np.float32(1.0) / np.maximum(self.hits, 1).astype(np.float32)
 
 
 def visible_fraction(

@@ -11,7 +11,8 @@ from splat2mesh.base.progress import Stages
 from splat2mesh.scene.scene import Scene
 
 from .bounce_places import BouncePlaces, Shooting
-from .bounces import Interreflection, visible_fraction
+from .bounces import Interreflection, Sharing, visible_fraction
+from .neighbors import Neighbors
 from .occluder import Occluder
 from .receivers import Receivers
 from .store import Cache, array_key
@@ -53,6 +54,12 @@ class KeptBounces:
                 if self.solid is not None:
                     self._occluder.shut(self.solid(self._occluder))
         return self._occluder
+
+    @property
+    def _neighbors(self) -> Neighbors:
+        """The Neighbors of the occluder."""
+        occluder = self.occluder
+        return Neighbors(occluder.origins, occluder.normals, occluder.faces, occluder.ranked)
 
     @property
     def receivers(self) -> Receivers:
@@ -114,7 +121,7 @@ class KeptBounces:
 
         def made(kept: Mapping[str, NDArray[Any]]) -> Interreflection:
             places = BouncePlaces.restored(kept, rays, len(faces), receivers.traced)
-            return Interreflection.of_places(places, rays, self.occluder, visible, receivers)
+            return Interreflection.of_places(places, rays, self.occluder, visible, Sharing(receivers, self._neighbors))
 
         with self._stages.stage("bounce rays kept"):
             found = self.cache.restored(made, "bounces", rays, self.seed, receivers.key)
@@ -127,7 +134,8 @@ class KeptBounces:
         receivers = self.receivers
         with self._stages.stage("bounce rays", len(receivers.rows)) as advance:
             places = BouncePlaces.shot(rays, Shooting(self.occluder, self.seed, advance, receivers))
-            found = Interreflection.of_places(places, rays, self.occluder, visible, receivers)
+            sharing = Sharing(receivers, self._neighbors)
+            found = Interreflection.of_places(places, rays, self.occluder, visible, sharing)
         self.rays_traced += rays * len(receivers.rows)
         with self._stages.stage("keep"):
             self.cache.put("bounces", rays, self.seed, receivers.key, **places._asdict())

@@ -23,6 +23,7 @@ from .kept import (
     stands_for,
 )
 from .kept_bounces import KeptBounces
+from .neighbors import Neighbors
 from .neuralgash import neural_gash
 from .receivers import Receivers
 from .settings import Settings
@@ -51,6 +52,11 @@ class Precomputed(KeptBounces):
         self._visibility: Visibility | None = None
         self.foliage = Foliage.of_scene(scene)
         self._transfers: dict[Key, Transfer] = {}
+
+    @property
+    def _neighbors(self) -> Neighbors:
+        """The Neighbors of the occluder."""
+        return super()._neighbors if self._visibility is None else self._visibility.neighbors
 
     @property
     def _volumes(self) -> Foliage:

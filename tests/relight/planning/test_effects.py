@@ -10,7 +10,8 @@ from relight import Environment, Relighter, cli
 from relight.light.sun_split import split
 from relight.options import LightingOptions
 from relight.transfer import bounce_places, kept_bounces, precomputed
-from relight.transfer.bounces import Interreflection, visible_fraction
+from relight.transfer.bounces import Interreflection, Sharing, visible_fraction
+from relight.transfer.neighbors import Neighbors
 from relight.transfer.occluder import Occluder
 from relight.transfer.raytraced import raytraced_scene
 from relight.transfer.reference import reference
@@ -112,7 +113,10 @@ def test_shading_is_the_sum_of_its_parts(scene, albedo, effects, name):
         direct = direct + sunlight(everything, slice(None), suns)
     radiance = increment = albedo * np.maximum(direct, 0.0)
     if "bounces" in chosen:
-        matrix = Interreflection(everything, BOUNCE_RAYS, 3, visible_fraction(transfer))
+        neighbors = Neighbors(everything.origins, everything.normals, everything.faces)
+        matrix = Interreflection(
+            everything, BOUNCE_RAYS, 3, visible_fraction(transfer), sharing=Sharing(neighbors=neighbors)
+        )
         dense = matrix.bounce(np.eye(len(transfer), dtype=np.float32)).astype(np.float64)
         for bounce in range(100):
             increment = albedo * (dense @ increment)
