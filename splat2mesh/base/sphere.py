@@ -25,7 +25,7 @@ def fibonacci_sphere(count: int = EVENLY, first: float = 0.0) -> NDArray[np.floa
     Source: Swinbank, Purser, "Fibonacci grids: a novel approach to global modelling", 2006.
     """
     height = 1.0 - (2.0 * np.arange(count) + 1.0) / count
-    turn = (np.arange(count) + first) * (2.0 * math.pi * (1.0 - GOLDEN_TURN))
+    turn = (np.arange(count) + first) * math.pi * (3.0 - math.sqrt(5.0))
     radius = np.sqrt(1.0 - height * height)
     return np.stack([radius * np.cos(turn), height, radius * np.sin(turn)], axis=1)
 

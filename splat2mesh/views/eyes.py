@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.arrays import Vector
-from ..base.sphere import GOLDEN_TURN, level_axes
+from ..base.sphere import level_axes
 from ..render.view import View
 
 FOV_DEG = 92.0
@@ -15,6 +15,9 @@ FOV_DEG = 92.0
 
 NEAR = 0.3
 """Near plane of an eye, over its distance from the nearest surfaces."""
+
+GOLDEN = np.pi * (3 - np.sqrt(5))
+"""Each eye's cube is turned by this against the one before, so that their seams fall on different places."""
 
 
 class Eye(NamedTuple):
@@ -29,7 +32,7 @@ def around(eyes: Sequence[Eye], pixels: int, up: Vector) -> tuple[list[View], ND
     ahead, side = level_axes(up)
     views, near = [], []
     for turn, eye in enumerate(eyes):
-        a = turn * (2.0 * np.pi * (1.0 - GOLDEN_TURN))
+        a = turn * GOLDEN
         front, right = np.cos(a) * ahead + np.sin(a) * side, np.cos(a) * side - np.sin(a) * ahead
         for direction, top in ((front, up), (-front, up), (right, up), (-right, up), (up, front), (-up, front)):
             views.append(View.look_at(eye.center, eye.center + direction, top, FOV_DEG, pixels))
