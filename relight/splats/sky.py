@@ -20,10 +20,12 @@ from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.splats import SH_C0, Splats
 
 from ..albedo.division import weighted_quantile
+from ..albedo.seen import standing
 from ..light import SKIES
 from ..light.captured import CapturedLight
 from ..light.tonemap import tone_map
 from ..transfer.store import Cache, array_key
+from .hanging_sky import hanging_sky
 from .light_ratio import CURVE_POWER, LEAST, MOST, relit_sh
 
 if TYPE_CHECKING:
@@ -67,9 +69,9 @@ def shown_as_sky(
     mirror: "FloorMirror | None" = None,
     cache: Cache | None = None,  # of the scene
 ) -> Indices:
-    """Rows (M,) of these Splats of a Scene that show the sky: of the far background, and what strayed from it. In the
-    windows of a closed room, and where all stays as captured, all of the background. What lies below a floor that
-    mirrors shows the room."""
+    """Rows (M,) of these Splats of a Scene that show the sky: of the far background, and of what hangs in the air
+    before it, also near surfaces where it is known from where the capture looked. In the windows of a closed room, and
+    where all stays as captured, all of the background. What lies below a floor that mirrors shows the room."""
     rows = scene.background_splats
     indoors = appearance.room is not None or appearance.as_captured
     if not indoors and len(rows):
@@ -80,7 +82,8 @@ def shown_as_sky(
 def _kept_rows(splats: Splats, rows: Indices, scene: Scene, cache: Cache) -> Indices:
     """`sky_rows` of a Scene, from its Cache where they are known."""
     shown = splats.means, splats.scales, splats.opacities, splats.sh[:, 0]
-    key = array_key(*shown, rows, np.asarray(scene.scene_from_splat, np.float64))
+    eyes = standing(scene)
+    key = array_key(*shown, rows, np.asarray(scene.scene_from_splat, np.float64), eyes)
 
     def restored(kept: Mapping[str, NDArray[Any]]) -> Indices:
         found = kept["rows"]
@@ -92,7 +95,7 @@ def _kept_rows(splats: Splats, rows: Indices, scene: Scene, cache: Cache) -> Ind
 
     found = cache.restored(restored, "sky", key)
     if found is None:
-        found = sky_rows(splats, rows, scene.scene_from_splat, scene.vertices)
+        found = sky_rows(splats, rows, scene.scene_from_splat, scene.vertices, eyes)
         cache.put("sky", key, rows=found)
     return found
 
@@ -102,12 +105,13 @@ def sky_rows(
     rows: Indices,  # (M,) which of them are far background
     scene_from_splat: ArrayLike,  # (4, 4)
     vertices: Points | None = None,  # (V, 3) of the mesh, scene frame
+    eyes: Points | None = None,  # (E, 3) where the capture stood, scene frame
 ) -> Indices:
     """Which of the far background is sky and not a surface far away: (K,) of its rows, in their order.
 
     Where the mesh is given, rows of other splats follow: those that look like sky, are about as far away, and lie
-    nowhere near the mesh. Training leaves some of a sky nearer than the rest. There are none where most of the
-    background is rough, as facades are.
+    nowhere near the mesh. Training leaves some of a sky nearer than the rest. Where there are eyes, those follow that
+    hang before it at any distance. There are none where most of the background is rough, as facades are.
     """
     some = splats.take(rows)
     others = np.delete(np.arange(len(splats)), rows)
@@ -127,7 +131,14 @@ def sky_rows(
     places = splats.means[strays] @ matrix[:3, :3].T + matrix[:3, 3]
     reach = STRAY * float(np.linalg.norm(np.ptp(vertices, axis=0)))
     gap = scipy.spatial.cKDTree(vertices).query(places, distance_upper_bound=reach)[0]
-    return np.concatenate([sky, strays[~np.isfinite(gap)]])
+    found = np.concatenate([sky, strays[~np.isfinite(gap)]])
+    if eyes is None or not len(eyes):
+        return found
+    back = np.linalg.inv(matrix)
+    seen_from = eyes @ back[:3, :3].T + back[:3, 3]
+    possible = np.concatenate([rows[_sky_by_hue(splats, rows, backdrop)[0]], others[colored]])
+    possible = np.setdiff1d(possible[np.isfinite(splats.means[possible]).all(axis=1)], found)
+    return np.concatenate([found, hanging_sky(splats, rows, found, possible, backdrop.middle, seen_from)])
 
 
 class Backdrop(NamedTuple):
