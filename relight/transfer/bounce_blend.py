@@ -9,7 +9,6 @@ the noise that the spread of the single rays predicts. So the average is linear 
 from typing import NamedTuple
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Mask
@@ -62,18 +61,16 @@ class BounceBlend:
         own = mean[:, :FIELDS].astype(np.float64)
         spread = np.maximum(mean[:, FIELDS:] - own**2, 0.0).sum(axis=1) / np.maximum(met, 1.0)
         noise = spread * (STRATIFIED[0] / rays.rays) ** STRATIFIED[1]
-        self.share, off = np.empty(len(rows)), np.square(self._apart(own)).sum(axis=1)
+        self.share, off = np.empty(len(rows)), np.empty(len(rows))
+        in_slices(_apart, len(rows), *ring[:2], self._weights, own, off)
         in_slices(_shares, len(rows), *ring, self._weights, off, noise, alike, self.share)
 
     def __call__(self, mean: NDArray[np.float32]) -> NDArray[np.float32]:
         """(V, C) float32 of means (V, C) over what rays met: each vertex's own and, for its share, that of its ring."""
         own = mean[self._vertices].astype(np.float64)
-        return (own + self.share[:, None] * self._apart(own)).astype(np.float32)[self._node]
-
-    def _apart(self, own: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The difference of each node's ring from its own values, (N, C)."""
-        rows = scipy.sparse.csr_array((self._weights, self._columns, self._starts), 2 * (len(own),))
-        return np.asarray(rows @ own - own)
+        blended = np.empty(own.shape, np.float32)
+        in_slices(_blend, len(own), self._starts, self._columns, self._weights, self.share, own, blended)
+        return blended[self._node]
 
 
 def known_lights(visible: NDArray[np.floating], normals: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -113,6 +110,26 @@ def _weigh(
 
 
 @kernel
+def _apart(
+    begin: int,
+    end: int,
+    starts: NDArray[np.int64],
+    columns: NDArray[np.int32],
+    shares: NDArray[np.float64],
+    own: NDArray[np.float64],
+    off: NDArray[np.float64],
+) -> None:
+    """The squared difference of each node's known lights (N, FIELDS) from those of its ring."""
+    for i in range(begin, end):
+        off[i] = 0.0
+        for c in range(own.shape[1]):
+            ring = 0.0
+            for k in range(starts[i], starts[i + 1]):
+                ring += shares[k] * own[columns[k], c]
+            off[i] += (ring - own[i, c]) * (ring - own[i, c])
+
+
+@kernel
 def _shares(
     begin: int,
     end: int,
@@ -137,3 +154,22 @@ def _shares(
         of_own, apart = of_own / total, apart / total
         bias = max(apart - of_own - of_ring, 0.0)
         found[i] = alike[i] * (of_own / max(of_own + of_ring + bias, LEAST_VARIANCE))
+
+
+@kernel
+def _blend(
+    begin: int,
+    end: int,
+    starts: NDArray[np.int64],
+    columns: NDArray[np.int32],
+    shares: NDArray[np.float64],
+    share: NDArray[np.float64],
+    own: NDArray[np.float64],
+    blended: NDArray[np.float32],
+) -> None:
+    for i in range(begin, end):
+        for c in range(own.shape[1]):
+            ring = 0.0
+            for k in range(starts[i], starts[i + 1]):
+                ring += shares[k] * own[columns[k], c]
+            blended[i, c] = own[i, c] + share[i] * (ring - own[i, c])
