@@ -36,13 +36,11 @@ from .jobs.folders import first_light, meshed_request, planned_request, splat_to
 from .jobs.job import Job
 from .jobs.session import check_session, session_of
 from .jobs.writer import Writer, report_of
-from .light.daylight import DaylightRequest
 from .light.environment import Environment
 from .light.loading import light_of
 from .light.tonemap import tone_map
 from .options import LightingOptions
 from .output.lamps_picture import lamps_picture
-from .output.north_picture import north_picture
 from .planning.plan import Plan
 from .request import AUTO, AnyLight, RelightRequest
 from .splats import write_relit_ply
@@ -228,7 +226,6 @@ class RelightPlan(NamedTuple):
     lamps_picture: (H, W, 3) uint8, the captured lamps of a closed room with their numbers; None without any. gloss: the
     GlossPlan of the scene; None where nothing is glossy, or before gloss was measured. inserts: the InsertPlan of added
     objects, or None. mirrored_floor: entry of the report for a floor that mirrors in the splats, or None.
-    north_picture: (H, W, 3) uint8, an arrow that points north, for the sun of a date; None for other lights.
     """
 
     plan: Plan | None
@@ -238,7 +235,6 @@ class RelightPlan(NamedTuple):
     lamps_picture: NDArray[np.uint8] | None = None
     gloss: "GlossPlan | None" = None
     inserts: "InsertPlan | None" = None
-    north_picture: NDArray[np.uint8] | None = None
     lamp_bounces: "RayPlan | None" = None
     mirrored_floor: dict[str, Any] | None = None
 
@@ -275,11 +271,7 @@ def plan_relight(request: RelightRequest, stages: Stages | None = None) -> Relig
     if job.light_kind is LightKind.CAPTURED:
         note = "" if lamps or inserts else "the captured light needs no rays, and there is nothing to plan"
         mirrored = job.known.mirrored_floor
-        return RelightPlan(None, note, lamps, count, picture, None, inserts, None, bounces, mirrored)
-    pointing = None
-    if isinstance(request.env, DaylightRequest):
-        turned = request.env.north_deg + request.angles_deg[0]  # which turns the whole light
-        pointing = north_picture(job.known.scene, job.known.scene.colors_linear, turned)
+        return RelightPlan(None, note, lamps, count, picture, None, inserts, bounces, mirrored)
     plan, note = job.planned()
     if plan is None and job.known.appearance.as_captured and lamps is None and inserts is None:
         raise InputError("what an environment changes in this room is assumed, so there is nothing to plan")
@@ -290,7 +282,7 @@ def plan_relight(request: RelightRequest, stages: Stages | None = None) -> Relig
         if note or job.known.gloss is None or not job.known.gloss.known
         else job.known.gloss.plan(job.known.appearance)
     )
-    return RelightPlan(plan, note, lamps, count, picture, gloss, inserts, pointing, bounces, job.known.mirrored_floor)
+    return RelightPlan(plan, note, lamps, count, picture, gloss, inserts, bounces, job.known.mirrored_floor)
 
 
 def view_request(

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from splat2mesh.base.choices import MOST_STEPS
 from splat2mesh.base.collecting import compile_without_collector, import_without_collector
 from splat2mesh.base.commandline import chosen, several, share
 from splat2mesh.base.console import Display, notify, open_streams, run
@@ -23,7 +24,7 @@ from .light import CAPTURED_SKIES, SKIES
 from .light.axes import check_axis
 from .options import LightingOptions
 from .output.kinds import BAKED, CITY_FILES, COLOR_SPACES, FILES, HARMONICS
-from .request import MOST_ANGLES, RelightRequest
+from .request import RelightRequest
 from .transfer import METHODS
 
 if TYPE_CHECKING:
@@ -37,7 +38,7 @@ LIGHT_STAGES = frozenset(
 
 MOST_PORT = 65535
 
-LAMPS_PICTURE, NORTH_PICTURE = "lamps.png", "north.png"
+LAMPS_PICTURE = "lamps.png"
 """Pictures that `--plan` writes into the folder of the scene: for a room with lamps their numbers for `--lamps`; for
 the sun of a date an arrow to the north, for `--north`."""
 
@@ -69,8 +70,8 @@ def angles_from(text: str) -> list[float]:
     if step == 0.0 or (stop - start) / step < 0.0:
         raise InputError(f"--rotate {text}: a step of {step:g} does not lead from {start:g} to {stop:g}")
     count = math.floor((stop - start) / step + 1e-6) + 1
-    if count > MOST_ANGLES:
-        raise InputError(f"--rotate {text}: {count} angles; expected at most {MOST_ANGLES}, take a larger step")
+    if count > MOST_STEPS:
+        raise InputError(f"--rotate {text}: {count} angles; expected at most {MOST_STEPS}, take a larger step")
     return list(dict.fromkeys(round((start + i * step) % 360.0, 6) % 360.0 for i in range(count)))
 
 
@@ -243,18 +244,13 @@ def _planned(request: RelightRequest, stages: Stages, plot: str | None) -> tuple
     lines = report.table()
     if plot is not None:
         lines.append(_plotted(report, Path(plot)))
-    pictures = {
-        LAMPS_PICTURE: (report.lamps_picture, "its lamps by number, for --lamps 1=off,2=0.5"),
-        NORTH_PICTURE: (report.north_picture, "an arrow to the north, for --north"),
-    }
-    for name, (picture, what) in pictures.items():
-        if picture is not None:
-            from .output.images import write_png
+    if report.lamps_picture is not None:
+        from .output.images import write_png
 
-            path = Path(request.output or _picture_folder(str(request.scene))) / name
-            path.parent.mkdir(parents=True, exist_ok=True)
-            write_png(path, picture)
-            lines.append(f"{path}: {what}")
+        path = Path(request.output or _picture_folder(str(request.scene))) / LAMPS_PICTURE
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_png(path, report.lamps_picture)
+        lines.append(f"{path}: its lamps by number, for --lamps 1=off,2=0.5")
     plan, lamps = report.plan and report.plan.as_dict(), report.lamps and report.lamps.as_dict()
     more = {"gloss": report.gloss and report.gloss.as_dict(), "inserts": report.inserts and report.inserts.as_dict()}
     more["mirrored_floor"] = report.mirrored_floor

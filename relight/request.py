@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
-from splat2mesh.base.choices import DEFAULT_FPS, check_choice
+from splat2mesh.base.choices import DEFAULT_FPS, MOST_STEPS, check_choice
 from splat2mesh.base.errors import InputError
 from splat2mesh.options import ConvertOptions, TilingOptions
 
@@ -46,9 +46,6 @@ AnyAlbedo: TypeAlias = "str | os.PathLike[str] | NDArray[np.floating]"
 
 MOST_EXPOSURE_EV = 64.0
 """Largest exposure in stops: far beyond any light, and 2^64 still fits in the float32 of the files."""
-
-MOST_ANGLES = 3600
-"""Most angles: a full turn in steps of a tenth of a degree."""
 
 AUTO = "auto"
 """Lets the request choose the light."""
@@ -243,8 +240,8 @@ class RelightRequest:
     def _check_angles(self) -> None:
         """Raise InputError for angles, or times of a day, that a light cannot have."""
         _ = self.times  # or an InputError
-        if not 1 <= len(self.angles_deg) <= MOST_ANGLES:
-            raise InputError(f"`angles_deg`: {len(self.angles_deg)} angles; expected 1 to {MOST_ANGLES}")
+        if not 1 <= len(self.angles_deg) <= MOST_STEPS:
+            raise InputError(f"`angles_deg`: {len(self.angles_deg)} angles; expected 1 to {MOST_STEPS}")
         if CAPTURED in self.envs and any(angle % 360.0 for angle in self.angles_deg):
             raise InputError("`angles_deg`: the light of the capture cannot be turned; give another `env`")
         if self.animated and len(self.angles_deg) > 1:

@@ -9,7 +9,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from splat2mesh.base.arrays import Floats, Integers, Matrix4
 from splat2mesh.base.errors import InputError
-from splat2mesh.base.kernels import kernel
 
 INTERPOLATIONS = "LINEAR", "STEP", "CUBICSPLINE"
 
@@ -109,10 +108,14 @@ def skinned(
     matrices: Floats,  # (N, 4, 4): of every joint, its pose times its inverse bind matrix
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Linear blend skinning: as `moved`, each vertex under its own weighted mean of matrices."""
-    place, turn = np.zeros((len(vertices), 3), np.float32), np.zeros((len(vertices), 3), np.float32)
-    matrices = np.ascontiguousarray(np.asarray(matrices, np.float64)[:, :3])
-    _skin(np.ascontiguousarray(vertices), np.ascontiguousarray(normals), joints, weights, matrices, place, turn)
-    return place, turn
+    shares = np.asarray(weights, np.float64)
+    bound = np.where(shares[..., None, None] != 0.0, np.asarray(matrices, np.float64)[joints], 0.0)
+    own = np.einsum("vj,vjrc->vrc", shares, bound)
+    place = np.einsum("vrc,vc->vr", own[:, :3, :3], vertices) + own[:, :3, 3]
+    turned = np.einsum("vrc,vc->vr", for_normals(own), normals)
+    length = np.linalg.norm(turned, axis=1, keepdims=True)
+    turned = np.divide(turned, length, out=np.zeros_like(turned), where=length > 0.0)
+    return place.astype(np.float32), turned.astype(np.float32)
 
 
 def _slerp(first: NDArray[np.float64], second: NDArray[np.float64], share: float) -> NDArray[np.float64]:
@@ -128,43 +131,3 @@ def _slerp(first: NDArray[np.float64], second: NDArray[np.float64], share: float
         angle = np.arccos(cosine)
         value = (np.sin((1.0 - share) * angle) * first + np.sin(share * angle) * second) / np.sin(angle)
     return value / np.linalg.norm(value)
-
-
-@kernel
-def _skin(
-    vertices: NDArray[np.float32],
-    normals: NDArray[np.float32],
-    joints: Integers,
-    weights: NDArray[np.float32],
-    matrices: NDArray[np.float64],
-    place: NDArray[np.float32],
-    turn: NDArray[np.float32],
-) -> None:
-    m = np.zeros((3, 4))
-    for v in range(len(vertices)):
-        m[:] = 0.0
-        for j in range(joints.shape[1]):
-            weight = np.float64(weights[v, j])
-            if weight != 0.0:
-                joint = matrices[joints[v, j]]
-                for row in range(3):
-                    for column in range(4):
-                        m[row, column] += weight * joint[row, column]
-        x, y, z = vertices[v]
-        for row in range(3):
-            place[v, row] = m[row, 0] * x + m[row, 1] * y + m[row, 2] * z + m[row, 3]
-        # Cofactors, with the sign of the determinant: the inverse transposed, up to a positive factor.
-        nx, ny, nz = normals[v]
-        ax = (m[1, 1] * m[2, 2] - m[1, 2] * m[2, 1]) * nx + (m[1, 2] * m[2, 0] - m[1, 0] * m[2, 2]) * ny
-        ax += (m[1, 0] * m[2, 1] - m[1, 1] * m[2, 0]) * nz
-        ay = (m[0, 2] * m[2, 1] - m[0, 1] * m[2, 2]) * nx + (m[0, 0] * m[2, 2] - m[0, 2] * m[2, 0]) * ny
-        ay += (m[0, 1] * m[2, 0] - m[0, 0] * m[2, 1]) * nz
-        az = (m[0, 1] * m[1, 2] - m[0, 2] * m[1, 1]) * nx + (m[0, 2] * m[1, 0] - m[0, 0] * m[1, 2]) * ny
-        az += (m[0, 0] * m[1, 1] - m[0, 1] * m[1, 0]) * nz
-        determinant = m[0, 0] * (m[1, 1] * m[2, 2] - m[1, 2] * m[2, 1])
-        determinant -= m[0, 1] * (m[1, 0] * m[2, 2] - m[1, 2] * m[2, 0])
-        determinant += m[0, 2] * (m[1, 0] * m[2, 1] - m[1, 1] * m[2, 0])
-        length = np.sqrt(ax * ax + ay * ay + az * az)
-        if length > 0.0:
-            length = -length if determinant < 0.0 else length
-            turn[v, 0], turn[v, 1], turn[v, 2] = ax / length, ay / length, az / length

@@ -14,6 +14,7 @@ from splat2mesh.scene.measured import CapturedSky
 from splat2mesh.scene.scene import Scene
 
 from ..albedo import CaptureEvidence, Prior, estimate, with_known_light
+from ..albedo.division import DARKEST
 from ..albedo.offered import offer_lights
 from ..albedo.seen import looks_from, standing
 from ..albedo.skylight import LEAST_VISIBLE, visible_part
@@ -32,8 +33,6 @@ if TYPE_CHECKING:
     from ..rooms.room import Room
 
 CHOICES = ("estimated", "captured", "white")
-
-LEAST_ALBEDO = 0.02  # to divide by
 
 WAY = 24
 """Version of the estimate of light and albedo. It increases when the numbers change, and invalidates cached
@@ -85,7 +84,7 @@ class Appearance(NamedTuple):
         if self.as_captured:
             return self.irradiance / np.float32(exposure)
         if self.albedo is not None:
-            radiance = np.asarray(radiance / np.maximum(self.albedo, np.float32(LEAST_ALBEDO)), np.float32)
+            radiance = np.asarray(radiance / np.maximum(self.albedo, np.float32(DARKEST)), np.float32)
         return radiance
 
 

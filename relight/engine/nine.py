@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.errors import InputError
+from splat2mesh.scene.color import BLACK
 
 from ..options import LightingOptions
 from ..transfer import FEW_BANDS
@@ -16,8 +17,6 @@ from .relighter import Relighter
 
 RAYS, BOUNCE_RAYS = 64, 32
 """Settings of the estimate of the captured light, whose traced results serve here."""
-
-_DARK = 1e-6  # of a transfer that light never reaches
 
 
 def nine_coefficients(
@@ -74,6 +73,6 @@ def nine_and_tint(
     received = np.asarray(received, np.float64)
     sky = np.maximum(received[:, 0], 0.0)
     largest = sky.max(axis=1, keepdims=True)
-    tint = np.where(largest > _DARK, sky / np.maximum(largest, _DARK), 1.0)
+    tint = np.where(largest > BLACK, sky / np.maximum(largest, BLACK), 1.0)
     grey = np.einsum("vjc,vc->vj", received, tint) / np.square(tint).sum(axis=1)[:, None]
     return grey.astype(np.float32), tint.astype(np.float32)

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.errors import DataWarning
 from splat2mesh.base.progress import Advance
-from splat2mesh.scene.color import luminance
+from splat2mesh.scene.color import BLACK, luminance
 
+from ..albedo.division import DARKEST, LIGHTEST
 from ..lamps.emitters import Emitters, emitters_of
 from ..lamps.shapes import Lamp
 from ..lamps.tracing import LitVertices, Ordered, lamplight, ordered
@@ -24,15 +25,13 @@ from ..rooms.room import AVERAGING_ROUNDS
 from ..transfer.bounces import with_bounces
 from ..transfer.first_bounce import first_bounce
 from ..transfer.occluder import Frame, Occluder
-from .appearance import CAPTURE, CAPTURE_OF_PLACE, LEAST_ALBEDO
+from .appearance import CAPTURE, CAPTURE_OF_PLACE
 from .relit_room import ROUNDS
 
 if TYPE_CHECKING:
     from ..transfer.bounces import Interreflection
     from .appearance import Appearance
     from .relighter import Relighter
-
-LEAST_LIGHT, MOST_ALBEDO = 1e-4, 0.95
 
 DRAFT_RAYS = 32
 
@@ -160,8 +159,8 @@ class LampLight:
         with self._relighter.stages.stage("bounces", len(albedo)) as advance:
             first = first_bounce(self._receivers, albedo * direct, rays, seed=seed, advance=advance) if rays else None
             radiance, bounces = with_bounces(direct, albedo, matrix, first=first)
-        received = radiance / np.maximum(albedo, np.float32(LEAST_ALBEDO))
-        dark = albedo < LEAST_ALBEDO  # the light that falls on black does not show in the light that black reflects
+        received = radiance / np.maximum(albedo, np.float32(DARKEST))
+        dark = albedo < DARKEST  # the light that falls on black does not show in the light that black reflects
         received[dark] = np.maximum(received, direct)[dark]
         return Placed(radiance, received.astype(np.float32), direct, bounces)
 
@@ -216,8 +215,8 @@ class LampLight:
         if room is None or self._evenness is None:
             return np.asarray(albedo, np.float32)
         # What few rays and dents make of the captured light would be seen as blotches.
-        light = np.exp(self._evenness.average(np.log(np.maximum(room.irradiance, LEAST_LIGHT)), ROUNDS))
-        even = np.clip(self._look.captured / light, 0.0, MOST_ALBEDO).astype(np.float32)
+        light = np.exp(self._evenness.average(np.log(np.maximum(room.irradiance, BLACK)), ROUNDS))
+        even = np.clip(self._look.captured / light, 0.0, LIGHTEST).astype(np.float32)
         return np.where(room.glow.any(axis=1, keepdims=True), room.albedo, even)
 
     @cached_property

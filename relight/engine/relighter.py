@@ -24,7 +24,7 @@ from ..transfer.bounces import with_bounces
 from ..transfer.checks import checked_albedo
 from ..transfer.posed import PosedPrecomputed
 from ..transfer.precomputed import Precomputed
-from ..transfer.settings import BOUNCE_RAYS, Settings
+from ..transfer.settings import BOUNCE_RAYS, VOLUME_DIRECTIONS, Settings
 from ..transfer.transport import Transport
 from .blinnphong import blinn_phong
 from .direct import DirectLight, Geometry
@@ -45,11 +45,6 @@ PLANNED = ("auto", "raytraced", "analytic")
 
 DYNAMIC_BANDS, DYNAMIC_RAYS = 5, 64
 """Settings of a scene that needed no rays before something moved in it."""
-
-
-CAPTURE_DIRECTIONS = 512
-"""From which light comes to leaves and grass where the light of the capture is estimated: as many as most lights call
-for afterwards, which then find them there."""
 
 
 class Shading(NamedTuple):
@@ -171,7 +166,7 @@ class Relighter:
     def transport(self, settings: Settings, alone: bool = False) -> Transport:
         """The Transport of the white scene under Settings with bounces, for what builds on it. Leaves and grass are
         volumes wherever they may be. alone: with no more rays than they say, however many are there."""
-        settings = settings._replace(volume=CAPTURE_DIRECTIONS if self._everything.volume else 0)
+        settings = settings._replace(volume=VOLUME_DIRECTIONS if self._everything.volume else 0)
         precomputed = self.precomputed.alone(settings) if alone else self.precomputed
         transfer = precomputed.transfer(settings)[0]
         bounces = precomputed.interreflection(settings.bounce_rays, transfer)

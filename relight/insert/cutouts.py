@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Faces, Floats, Integers, Mask, Points
+from splat2mesh.base.threads import ROWS_AT_ONCE
 from splat2mesh.scene.gltftextures import MappedTexture
 
 from .refine import carried, refined
@@ -15,10 +16,6 @@ STEPS = 12
 
 PARTS, LATER_PARTS = 6, 3
 """Into which each side of a face is cut to find both sides of a mask on it, first and in halved faces."""
-
-
-SLAB = 1 << 18
-"""Faces at a time: large meshes would take gigabytes."""
 
 
 class Cut(NamedTuple):
@@ -66,12 +63,12 @@ class Masked(NamedTuple):
         """(F,): share of points (N, 3) of each face at which there is a surface."""
         found = np.zeros(len(faces))
         for weight in weights:
-            for start in range(0, len(faces), SLAB):
-                corners = faces[start : start + SLAB]
+            for start in range(0, len(faces), ROWS_AT_ONCE):
+                corners = faces[start : start + ROWS_AT_ONCE]
                 alpha = self.opacity[corners] @ weight
                 if self.texture is not None:
                     alpha = alpha * self.texture.alpha(np.einsum("k,fkc->fc", weight, self.uv[corners]))
-                found[start : start + SLAB] += alpha >= self.cutoff
+                found[start : start + ROWS_AT_ONCE] += alpha >= self.cutoff
         return found / len(weights)
 
     def texels(self, faces: Integers) -> NDArray[np.float64]:

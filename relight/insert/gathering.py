@@ -19,7 +19,7 @@ from ..lamps.tracing import lamplight
 from ..transfer.occluder import BATCH_RAYS
 from ..transfer.sampling import fibonacci_azimuths, hashed_offsets, shoot, tangents, turned
 from ..transfer.sunlight import sunlight
-from .standing import Standing
+from .standing import ROOM, Standing
 from .surroundings import LAMP_RAYS, Receiving, Surroundings, Together
 
 OBJECT_RAYS = 256
@@ -33,9 +33,6 @@ NEAR_RAYS = 4
 
 NEAR = 1.05
 """Distance, in radii of that sphere, up to which they do: the cone would be nearly half of all directions."""
-
-BOX = 1.001
-"""Factor on the reach of an object that gives half the side of its box, with room for rounding."""
 
 LEAST_CONE = 1.0 / 400.0
 """Part of a hemisphere that the sphere of an object must fill: a smaller part makes no visible change."""
@@ -136,7 +133,7 @@ def change_at(
 
 def in_box(middle: NDArray[np.float64], radius: float, at: Receiving, least: float) -> Mask:
     """Mask (M,) of the points in the box around all that `in_reach` accepts."""
-    reach = BOX * radius / np.sqrt(least)
+    reach = ROOM * radius / np.sqrt(least)
     low, high = ((middle + side * reach).astype(np.float32) for side in (-1.0, 1.0))
     inside = (at.origins[:, 0] > low[0]) & (at.origins[:, 0] < high[0])
     for axis in (1, 2):

@@ -14,6 +14,8 @@ from splat2mesh.scene.color import luminance
 from splat2mesh.splats.joining import joined
 
 from ..engine.appearance import CAPTURE, CAPTURE_OF_PLACE
+from ..engine.relit_room import SOFTNESS
+from ..planning.costs import FOLLOWED
 from ..transfer.occluder import Frame
 from .asked import AskedInsert
 from .gathering import Casting, change_at, light_on
@@ -37,13 +39,6 @@ GLIMPSE_RAYS, GLIMPSE_CONE = 8, 1.0 / 16.0
 
 STRENGTHS = 0.5, 2.0
 """Least and largest factor on the logarithm of a quick preview."""
-
-LATER_BOUNCES = 4
-"""Bounces of the change: in a garden they darken the shadow of an object by a tenth."""
-
-SOFTNESS = 0.05
-"""Share of the median irradiance, added before and after: where a surface received next to no light, the part that an
-object occludes is as uncertain."""
 
 LEAST_RATIO = 0.03
 """Least share of the light that remains: no shadow is black, and captured colours do not resolve darker ones."""
@@ -177,7 +172,7 @@ class Inserts:
         settings = CAPTURE_OF_PLACE if self.relighter.scene.is_place else CAPTURE
         interreflection, sent = self.relighter.transport(settings).interreflection, direct
         with self.relighter.stages.stage("bounces"):
-            for _ in range(LATER_BOUNCES):
+            for _ in range(FOLLOWED):
                 sent = interreflection.bounce(albedo * sent)
                 later += sent
         return later

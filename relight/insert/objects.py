@@ -18,6 +18,7 @@ from splat2mesh.scene.gltftextures import MappedTexture, Textures, base_color
 from splat2mesh.scene.mesh import Mesh, vertex_normals
 from splat2mesh.scene.meshfile import read_mesh
 
+from ..albedo.division import DARKEST, LIGHTEST
 from .asked import AskedInsert
 from .cutouts import Cut, Masked, carried_through, cut_out
 from .refine import refined, unit
@@ -33,9 +34,6 @@ MOST_FACES = 100_000
 
 GREY = 0.5
 """Linear albedo of objects without colours."""
-
-DARKEST, LIGHTEST = 0.02, 0.95
-"""Range of albedo, as for captures: soot to fresh snow."""
 
 CUTOFF = 0.5
 """Alpha from which a mask leaves the surface, where the file gives none. Source: glTF 2.0, alphaCutoff."""

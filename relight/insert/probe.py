@@ -21,11 +21,9 @@ from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.splats import Splats
 from splat2mesh.views.eyes import FOV_DEG
 
+from ..light import HEIGHT
 from ..transfer.occluder import Frame, Occluder
 from .surroundings import Sky
-
-HEIGHT = 256
-"""Rows of the picture, half its columns: texels of .7 degrees."""
 
 FACE = 320
 """Side of a face of the cube that is rendered, in pixels, for HEIGHT rows."""

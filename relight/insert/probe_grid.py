@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Mask, Points
 from splat2mesh.base.errors import InputError
-from splat2mesh.base.sphere import fibonacci_sphere
+from splat2mesh.base.sphere import EVENLY, fibonacci_sphere
 from splat2mesh.scene.scene import Scene
 
 from ..transfer.occluder import Frame, Occluder
@@ -19,9 +19,6 @@ MOST = 4096
 
 MIDDLE = 0.05, 0.95
 """Quantiles of the vertices that bound a grid by default: far background lies beyond."""
-
-LOOKS = 256
-"""Directions in which a probe looks for back faces."""
 
 BACKS = 0.25
 """Share of directions that meet back faces, and more than front faces, above which a probe is in a wall or ground."""
@@ -75,17 +72,17 @@ def usual_box(scene: Scene) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 def free(scene: Scene, occluder: Occluder, positions: Points) -> Mask:
     """Mask (N,) bool of the positions (N, 3), scene frame, that are outside walls, bodies and the ground."""
-    directions = fibonacci_sphere(LOOKS)
+    directions = fibonacci_sphere(EVENLY)
     frame = Frame.around(scene.vertices, scene.faces)
     a, b, c = np.moveaxis(scene.vertices[scene.faces].astype(np.float64), 1, 0)
     normals = np.cross(b - a, c - a)
     result = np.empty(len(positions), bool)
-    rays = np.empty((LOOKS, 6), np.float32)
+    rays = np.empty((EVENLY, 6), np.float32)
     rays[:, 3:] = directions
     for number, at in enumerate(np.asarray(positions, np.float64)):
         rays[:, :3] = frame.unit(at[None])
         faces = occluder.first_hits(rays).faces
         met = np.flatnonzero(faces >= 0)
         backs = int(((normals[faces[met]] * directions[met]).sum(axis=1) > 0.0).sum())
-        result[number] = not (backs > BACKS * LOOKS and 2 * backs > len(met))
+        result[number] = not (backs > BACKS * EVENLY and 2 * backs > len(met))
     return result

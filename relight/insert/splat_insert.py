@@ -6,8 +6,9 @@ import numpy as np
 
 from splat2mesh.scene.scene import Scene
 
+from ..albedo.division import DARKEST
 from ..splats import Binding
-from .objects import DARKEST, InsertedObject, Part
+from .objects import InsertedObject, Part
 from .splat_object import SplatObject
 
 if TYPE_CHECKING:

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.errors import InputError
 
-from ..engine.appearance import CHOICES, LEAST_ALBEDO
+from ..albedo.division import DARKEST
+from ..engine.appearance import CHOICES
 from ..engine.by_hand import LightByHand, can_be_set
 from ..engine.light_mix import LightBeside
 from ..engine.placed import Placed
@@ -178,7 +179,7 @@ def _received_of(job: Job) -> "Callable[[NDArray[np.float32], float], NDArray[np
 
     def received(radiance: NDArray[np.float32], exposure: float) -> NDArray[np.float32]:
         if look.as_captured:  # the session shows the captured colours, times what its lamps are dimmed by
-            return look.irradiance * (radiance + LEAST_ALBEDO) / (look.captured + np.float32(LEAST_ALBEDO))
+            return look.irradiance * (radiance + DARKEST) / (look.captured + np.float32(DARKEST))
         if room and look.room is not None:
             radiance = room.as_captured(radiance, job.inputs.options.unplanned)
         return np.asarray(look.received(radiance, exposure), np.float32)
@@ -223,7 +224,7 @@ def _splats(job: Job, captured: "Splats", mixture: LightBeside | None) -> SplatS
     gloss = None if job.known.gloss is None or look.environment is None else partial(job.known.gloss.relit, look)
     looks = {chosen: SplatLook(look.irradiance, received, gloss)}
     if mixture is None and chosen != "captured" and room is None:
-        least = np.maximum(look.captured, np.float32(LEAST_ALBEDO))
+        least = np.maximum(look.captured, np.float32(DARKEST))
         looks["captured"] = SplatLook(
             np.ones_like(look.captured), lambda radiance, _: np.asarray(radiance / least, np.float32)
         )

@@ -13,13 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from splat2mesh.scene.color import luminance
 
+from ..transfer.occluder import MAX_OFFSET
 from .shapes import Lamp, MeshLamp, ProfileLamp, RectangleLamp, SphereLamp, SpotLamp, TubeLamp
 
 BALL, TRIANGLE, TUBE = 0, 1, 2
-
-LEAST_RADIUS = 1e-4
-"""Radius of a point in diagonals of the scene: nearer than that its light grows no further, so that no distance,
-however small, gives a number that is not finite."""
 
 NO_PROFILE = -1
 
@@ -103,7 +100,7 @@ def _rows(lamp: Lamp, center: NDArray[np.float64], diagonal: float) -> Iterable[
 
     zeros = np.zeros(3)
     if isinstance(lamp, (SphereLamp, SpotLamp, ProfileLamp)):
-        radius = max(lamp.radius / diagonal, LEAST_RADIUS)
+        radius = max(lamp.radius / diagonal, MAX_OFFSET)
         given = lamp.radiance if isinstance(lamp, SphereLamp) else None
         if given is None:  # one ball of that intensity, whatever its radius
             intensity = np.asarray(lamp.intensity, np.float64)

@@ -1,6 +1,6 @@
-"""Lamps for engines and renderers: lights of glTF and of USD, to light their objects like the splat.
+"""Lamps for engines: lights of glTF, to light their objects like the splat.
 
-Both are in units of the picture: where radiance 1 shows as white, so does a white surface in a light of irradiance pi.
+They are in units of the picture: where radiance 1 shows as white, so does a white surface in a light of irradiance pi.
 """
 
 import math
@@ -16,7 +16,6 @@ from .color import WHITE, luminance
 from .gltf_lights import PUNCTUAL
 from .photometry import area_normals, axis_intensity, flux
 from .shapes import Lamp, MeshLamp, ProfileLamp, RectangleLamp, SphereLamp, SpotLamp, TubeLamp
-from .usd_lights import POINT_RADIUS, library
 
 WIDEST_DEG = 90.0
 """Half angle of a cone in glTF."""
@@ -61,32 +60,6 @@ def khr_lights(
         lights.append(light)
         nodes.append(node | {"extensions": {PUNCTUAL: {"light": number}}})
     return {"lights": lights}, nodes
-
-
-def define_lamps(
-    stage: Any,  # pxr.Usd.Stage
-    lamps: Sequence[Lamp],
-    names: Sequence[str] | None = None,
-    parent: str = "/World/Lamps",
-) -> list[str]:
-    """Add lamps to a USD stage as lights of UsdLux. Returns the paths of their prims, in the order of the lamps.
-
-    lamps: in the frame and unit of the stage. names: shown for each. Radiance is intensity x colour. Points and
-    spots of radius 0 are spheres of POINT_RADIUS that count as points; the softness of a spot is the share of its cone
-    outside the beam. A rectangle that shines to both sides is two prims, the second one below the path that is
-    returned; a mesh has the mean of its radiance, and a profile is a spot or a point as in glTF. Raises InputError
-    without usd-core.
-    """
-    pxr, paths = library(), []
-    if lamps:
-        pxr.UsdGeom.Scope.Define(stage, parent)
-    for number, lamp in enumerate(lamps):
-        path = f"{parent}/Lamp_{number + 1}"
-        _define(pxr, stage, path, lamp)
-        if names is not None and names[number]:
-            stage.GetPrimAtPath(path).SetDisplayName(names[number])
-        paths.append(path)
-    return paths
 
 
 def _punctual(lamp: Lamp) -> SphereLamp | SpotLamp:
@@ -137,87 +110,6 @@ def _spot_of(lamp: ProfileLamp) -> SpotLamp | None:
     )
 
 
-def _define(pxr: Any, stage: Any, path: str, lamp: Lamp) -> None:
-    if isinstance(lamp, ProfileLamp):
-        lamp = _punctual(lamp)
-    match lamp:
-        case SphereLamp() | SpotLamp():
-            light = pxr.UsdLux.SphereLight.Define(stage, path)
-            radius = lamp.radius or POINT_RADIUS
-            light.CreateRadiusAttr(radius)
-            light.CreateTreatAsPointAttr(lamp.radius == 0.0)
-            frame = np.eye(3)
-            if isinstance(lamp, SpotLamp):
-                frame = _frame(_ahead(lamp))
-                shaping = pxr.UsdLux.ShapingAPI.Apply(light.GetPrim())
-                shaping.CreateShapingConeAngleAttr(lamp.cutoff_deg)
-                shaping.CreateShapingConeSoftnessAttr(1.0 - (lamp.beam_deg or 0.0) / lamp.cutoff_deg)
-            _place(pxr, light, lamp.position, frame)
-            _shine(pxr, light, axis_intensity(lamp) / (math.pi * radius**2))
-        case RectangleLamp():
-            _rectangle(pxr, stage, path, lamp)
-            if lamp.two_sided:
-                # Within the first one's frame, turned about its y axis.
-                back = pxr.UsdLux.RectLight.Define(stage, f"{path}/Back")
-                width, height = (float(np.linalg.norm(edge)) for edge in (lamp.edge_v, lamp.edge_u))
-                back.CreateWidthAttr(width)
-                back.CreateHeightAttr(height)
-                back.AddRotateYOp().Set(180.0)
-                _shine(pxr, back, np.array(lamp.radiance))
-        case TubeLamp():
-            light = pxr.UsdLux.CylinderLight.Define(stage, path)
-            along = np.subtract(lamp.end, lamp.start)
-            light.CreateLengthAttr(float(np.linalg.norm(along)))
-            light.CreateRadiusAttr(lamp.radius)
-            # x of the frame along the tube: of the one whose -z goes there, turned.
-            x, y, z = _frame(along / np.linalg.norm(along)).T
-            _place(pxr, light, _vector(0.5 * np.add(lamp.start, lamp.end)), np.stack([-z, y, x], axis=1))
-            _shine(pxr, light, np.array(lamp.radiance))
-        case MeshLamp():
-            _mesh(pxr, stage, path, lamp)
-
-
-def _rectangle(pxr: Any, stage: Any, path: str, lamp: RectangleLamp) -> None:
-    light = pxr.UsdLux.RectLight.Define(stage, path)
-    u, v = np.array(lamp.edge_u), np.array(lamp.edge_v)
-    height, width = float(np.linalg.norm(u)), float(np.linalg.norm(v))
-    light.CreateWidthAttr(width)
-    light.CreateHeightAttr(height)
-    normal = np.cross(u, v)
-    # x along v and y along u, at right angles or not; it shines along -z.
-    _place(pxr, light, lamp.center, np.stack([v / width, u / height, -normal / np.linalg.norm(normal)], axis=1))
-    _shine(pxr, light, np.array(lamp.radiance))
-
-
-def _mesh(pxr: Any, stage: Any, path: str, lamp: MeshLamp) -> None:
-    mesh, vt = pxr.UsdGeom.Mesh.Define(stage, path), pxr.Vt
-    points = lamp.vertices.astype(np.float32)
-    mesh.CreatePointsAttr(vt.Vec3fArray.FromNumpy(np.ascontiguousarray(points)))
-    mesh.CreateFaceVertexCountsAttr(vt.IntArray.FromNumpy(np.full(len(lamp.faces), 3, np.int32)))
-    mesh.CreateFaceVertexIndicesAttr(vt.IntArray.FromNumpy(lamp.faces.ravel().astype(np.int32)))
-    mesh.CreateSubdivisionSchemeAttr(pxr.UsdGeom.Tokens.none)
-    mesh.CreateDoubleSidedAttr(lamp.two_sided)
-    mesh.CreateExtentAttr(vt.Vec3fArray.FromNumpy(np.stack([points.min(axis=0), points.max(axis=0)])))
-    light = pxr.UsdLux.MeshLightAPI.Apply(mesh.GetPrim())
-    normals, _, _ = _faces(lamp)
-    areas = np.linalg.norm(normals, axis=1)
-    even = np.full(len(areas), 1.0 / len(areas)) if areas.sum() == 0.0 else areas / areas.sum()
-    _shine(pxr, pxr.UsdLux.LightAPI(light), even @ np.broadcast_to(lamp.radiance, (len(areas), 3)))
-
-
-def _shine(pxr: Any, light: Any, radiance: NDArray) -> None:
-    color, strength = _hue(radiance)
-    light.CreateIntensityAttr(strength)
-    light.CreateColorAttr(pxr.Gf.Vec3f(*color))
-
-
-def _place(pxr: Any, light: Any, position: Triple, frame: NDArray) -> None:
-    """frame (3, 3): its columns are the axes of the light."""
-    matrix = np.eye(4)
-    matrix[:3, :3], matrix[:3, 3] = frame, position
-    light.AddTransformOp().Set(pxr.Gf.Matrix4d(matrix.T.tolist()))  # USD multiplies rows
-
-
 def _hue(light: Sequence[float] | NDArray) -> tuple[list[float], float]:
     """Linear RGB of which the largest is 1, and that largest; white for black."""
     values = [float(each) for each in light]
@@ -228,15 +120,6 @@ def _hue(light: Sequence[float] | NDArray) -> tuple[list[float], float]:
 def _ahead(lamp: SpotLamp) -> NDArray[np.float64]:
     along = np.subtract(lamp.target, lamp.position)
     return along / np.linalg.norm(along)
-
-
-def _frame(ahead: NDArray) -> NDArray[np.float64]:
-    """A right-handed frame (3, 3), its axes in columns, whose -z goes ahead."""
-    z = -ahead
-    beside = np.eye(3)[int(np.argmin(np.abs(z)))]
-    x = np.cross(beside, z)
-    x /= np.linalg.norm(x)
-    return np.stack([x, np.cross(z, x), z], axis=1)
 
 
 def _rotation(ahead: NDArray) -> NDArray[np.float64]:

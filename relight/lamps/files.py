@@ -1,4 +1,4 @@
-"""Files of lamps: JSON, glTF, USD. An IES profile is only a part of a lamp, which also needs a position.
+"""Files of lamps: JSON, glTF. An IES profile is only a part of a lamp, which also needs a position.
 
 JSON is a list of lamps, or {"lamps": [...]}: {"type": "sphere", "position": [1.5, 1.5, -1.5], "radius": 0.1,
 "radiance": [70, 55, 38]}. `type` is a key of `fields.FIELDS`, whose fields it may have; lengths as in the splat.
@@ -10,15 +10,13 @@ from pathlib import Path
 from typing import Any
 
 from splat2mesh.base.errors import InputError
+from splat2mesh.base.gltf import MOST_NODES
 from splat2mesh.base.inputs import file_size, quiet_numbers, read_json, reading
 from splat2mesh.base.specs import clip, plain
 
 from .asked import AskedLamp
 from .fields import asked_lamp
 from .gltf_lights import read_gltf_lamps
-from .usd_lights import USD_SUFFIXES, read_usd_lamps
-
-MOST_LAMPS = 100_000
 
 
 def read_lamps(path: str | os.PathLike[str]) -> list[AskedLamp]:
@@ -51,8 +49,8 @@ def read_json_lamps(path: str | os.PathLike[str]) -> list[AskedLamp]:
         content = content.get("lamps")
     if not isinstance(content, list) or not all(isinstance(each, dict) for each in content):
         raise InputError(f'{path}: expected a list of lamps, or {{"lamps": [...]}}')
-    if not 0 < len(content) <= MOST_LAMPS:
-        raise InputError(f"{path}: has {len(content):,} lamps, expected 1 to {MOST_LAMPS:,}")
+    if not 0 < len(content) <= MOST_NODES:
+        raise InputError(f"{path}: has {len(content):,} lamps, expected 1 to {MOST_NODES:,}")
     lamps = []
     for number, fields in enumerate(content, 1):
         try:
@@ -78,7 +76,6 @@ READERS: dict[str, Callable[[Path], list[AskedLamp]]] = {
     ".json": read_json_lamps,
     ".glb": read_gltf_lamps,
     ".gltf": read_gltf_lamps,
-    **dict.fromkeys(USD_SUFFIXES, read_usd_lamps),
 }
 
 LAMP_SUFFIXES = (*READERS, ".ies")

@@ -12,12 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.errors import InputError
-from splat2mesh.base.inputs import file_size
+from splat2mesh.base.inputs import LARGEST_TEXT, file_size
 
 from ..light import MOST_RADIANCE
-
-LARGEST_IES = 16 << 20
-"""Bytes: half a degree all round takes about 2 MB."""
 
 _TYPES = {1: "C", 2: "B", 3: "A"}
 _TILT = re.compile(r"\s*TILT\s*=", re.IGNORECASE)
@@ -48,8 +45,8 @@ def read_profile(path: str | os.PathLike[str]) -> Profile:
     Candela are multiplied by the multiplier and the ballast factor of the file. Raises InputError for another kind of
     file, for photometry of type A or B, for a tilt, and for what is broken.
     """
-    if file_size(path, ".ies file") > LARGEST_IES:
-        raise InputError(f"{path} takes over {LARGEST_IES >> 20} MB: too large for an IES profile")
+    if file_size(path, ".ies file") > LARGEST_TEXT:
+        raise InputError(f"{path} takes over {LARGEST_TEXT >> 20} MB: too large for an IES profile")
     text = Path(path).read_bytes().decode("latin-1").replace("\0", "").replace("\x1a", "")
     try:
         return _parsed(text)

@@ -11,15 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.sphere import fibonacci_sphere
+from splat2mesh.base.threads import ROWS_AT_ONCE
 from splat2mesh.scene.color import luminance
 
 from .shapes import Lamp, MeshLamp, ProfileLamp, RectangleLamp, SphereLamp, SpotLamp, TubeLamp
-
-_DIRECTIONS = 256
-"""In which a mesh is tried for its brightest one, beside its mean normal: for a ball they are within 1%."""
-
-_BATCH = 1 << 16
-"""Faces that are tried at once."""
 
 
 def axis_intensity(lamp: Lamp) -> NDArray[np.float64]:
@@ -96,12 +91,12 @@ def _brightest(lamp: MeshLamp) -> NDArray[np.float64]:
     mean = luminance(radiance) @ normals
     length = float(np.linalg.norm(mean))
     # A flat mesh has its brightest direction exactly there.
-    tried = np.concatenate([mean[None] / length if length > 0.0 else mean[None], fibonacci_sphere(_DIRECTIONS)])
+    tried = np.concatenate([mean[None] / length if length > 0.0 else mean[None], fibonacci_sphere()])
     found = np.zeros((len(tried), 3))
-    for start in range(0, len(normals), _BATCH):
-        facing = tried @ normals[start : start + _BATCH].T
+    for start in range(0, len(normals), ROWS_AT_ONCE):
+        facing = tried @ normals[start : start + ROWS_AT_ONCE].T
         facing = np.abs(facing) if lamp.two_sided else np.maximum(facing, 0.0)
-        found += facing @ radiance[start : start + _BATCH]
+        found += facing @ radiance[start : start + ROWS_AT_ONCE]
     return found[np.argmax(luminance(found))]
 
 

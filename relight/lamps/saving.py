@@ -12,17 +12,11 @@ from splat2mesh.base.errors import InputError
 from splat2mesh.base.outputs import staged_file
 
 from .asked import BULB_M, TUBE_M, AskedLamp, Brightness, LampScale, resolve
-from .color import NAMES, TEMPERATURES, luminance, parse_color
+from .color import NAMES, TEMPERATURES, parse_color
 from .photometry import times
 from .shapes import MeshLamp, ProfileLamp, RectangleLamp, SphereLamp, SpotLamp, TubeLamp
 
 _SUFFIXES = {"EV": "EV", "lumen": "lm", "candela": "cd"}
-
-_TRIES = 512
-"""Brightnesses of a colour that are tried for one that is read back to the last bit."""
-
-
-_ROUNDING = 1e-15
 
 
 def write_lamps(
@@ -89,23 +83,10 @@ def fields_of(asked: AskedLamp, scale: LampScale | None = None) -> dict[str, Any
 
 
 def color_text(light: ArrayLike) -> str | list[float]:
-    """Return what `color.parse_color` reads as the colour of a light (3,): to the last bit where that can be found.
-
-    A colour is normalised to luminance 1 when it is read, which may round it again: names are tried first, then the
-    colour at other brightnesses.
-    """
+    """Return what `color.parse_color` reads as the colour of a light (3,): its name where it has one."""
     red, green, blue = (float(each) for each in np.asarray(light))
-    color = red, green, blue
-    if abs(luminance(color) - 1.0) > _ROUNDING:
-        color = parse_color(color)
-    for name in (*TEMPERATURES, *NAMES):
-        if parse_color(name) == color:
-            return name
-    for step in range(_TRIES):
-        tried = [each * (1.0 + step / _TRIES) for each in color]
-        if parse_color(tried) == color:
-            return tried
-    return list(color)
+    color = parse_color((red, green, blue))
+    return next((name for name in (*TEMPERATURES, *NAMES) if np.allclose(parse_color(name), color)), list(color))
 
 
 def _radius(asked: AskedLamp, scale: LampScale | None) -> float:

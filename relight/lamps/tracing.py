@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.kernels import kernel
-from splat2mesh.base.threads import in_slices
+from splat2mesh.base.threads import ROWS_AT_ONCE, in_slices
+from splat2mesh.render.raycaster import FREE
 
 from ..transfer.neighbors import along_curve
 from ..transfer.occluder import BATCH_RAYS, Occluder
@@ -23,7 +24,7 @@ from .choosing import ALONE, Chosen, chosen_at
 from .emitters import Emitters
 from .unoccluded import BALL, aimed, directed, tube_rule, unoccluded
 
-PILOT_RAYS, PILOT_PART = 4, 4
+PILOTS = 4
 """Rays that go first to an emitter of some size: a quarter of all, but at least so many. What they miss of a
 half-shadow is the larger part of the error: with 4 of 128 it stays at 3%, where 32 of 128 bring it to .4%."""
 
@@ -33,11 +34,6 @@ POINT_ANGLE = 2e-3
 CHANCE_PART = 6
 """Emitters that it takes for all the others, per ray in half-shadows; one ray to each. Among 500 bulbs that are as
 bright as each other, the worst case, the error is .03 with 32 rays; with 2 instead of 6 it is .07."""
-
-BATCH_VERTICES = 2**14
-
-REACHED = 0.9999
-"""Part of the path to an emitter that must be free, since emitters are often part of the mesh."""
 
 
 class LitVertices(NamedTuple):
@@ -63,7 +59,7 @@ def lamplight(
     vertices = at if isinstance(at, Ordered) else ordered(occluder, *at, seed)
     found = np.zeros((len(vertices.order), 3), np.float32)
     count = len(emitters.kind)
-    batch = max(1, min(BATCH_VERTICES, BATCH_RAYS // count)) if every and count else BATCH_VERTICES
+    batch = max(1, min(ROWS_AT_ONCE, BATCH_RAYS // count)) if every and count else ROWS_AT_ONCE
     for start in range(0, len(found) if count else 0, batch):
         part = slice(start, start + batch)
         lit = Lit(occluder, emitters, tuple(each[part] for each in vertices[1:]))
@@ -118,9 +114,9 @@ def _add(lit: Lit, chosen: Chosen, rays: int, least: float, found: NDArray[np.fl
     vertex: NDArray[np.int32] = row.astype(np.int32)
     emitter: NDArray[np.int32] = chosen.emitters[row, slot]
     light = light[row, slot]
-    pilots: NDArray[np.int32] = np.zeros(len(vertex), np.int32)
-    most = min(rays, max(PILOT_RAYS, rays // PILOT_PART))
-    in_slices(_pilots, len(vertex), origins, emitters, vertex, emitter, most, pilots)
+    pilots: NDArray[np.int32] = np.full(len(vertex), min(rays, max(PILOTS, rays // PILOTS)), np.int32)
+    away = np.square(emitters.place[emitter] - origins[vertex]).sum(axis=1)
+    pilots[(emitters.kind[emitter] == BALL) & (emitters.radius[emitter] ** 2 < POINT_ANGLE**2 * away)] = 1
     if len(emitters.kind) > chosen.emitters.shape[1]:  # what was taken by chance is one of many
         pilots[slot >= ALONE] = 1
     free, mixed = _visible(lit, vertex, emitter, pilots, 0.5)
@@ -147,8 +143,11 @@ def _visible(
         weights = np.zeros(len(shots), np.float32)
         pairs = (vertex[part], emitter[part], ends[start : stop + 1] - ends[start])
         in_slices(_aim, stop - start, *lit.places, lit.emitters, *pairs, np.float32(shift), shots, weights)
-        hidden = lit.occluder.occluded(shots, REACHED)
-        in_slices(_weigh, stop - start, pairs[2], weights, hidden, free[part], mixed[part])
+        hidden = lit.occluder.occluded(shots, FREE)
+        first = pairs[2][:-1]
+        total, passed = (np.add.reduceat(each, first, dtype=np.float64) for each in (weights, weights * ~hidden))
+        free[part] = np.divide(passed, total, out=np.zeros_like(total), where=total > 0.0)
+        mixed[part] = (total == 0.0) | ((passed > 0.0) & (passed < total))
         start = stop
     return free, mixed
 
@@ -191,29 +190,6 @@ def _free(
 
 
 @kernel
-def _pilots(
-    begin: int,
-    end: int,
-    origins: NDArray,
-    emitters: Emitters,
-    vertex: NDArray,
-    emitter: NDArray,
-    most: int,
-    pilots: NDArray,
-) -> None:
-    """The number of first rays: one to an emitter as small as a point."""
-    for pair in range(begin, end):
-        e, v = emitter[pair], vertex[pair]
-        pilots[pair] = most
-        if emitters.kind[e] == BALL:
-            square = np.float32(0)
-            for axis in range(3):
-                square += (emitters.place[e, axis] - origins[v, axis]) ** 2
-            if emitters.radius[e] ** 2 < POINT_ANGLE**2 * square:
-                pilots[pair] = 1
-
-
-@kernel
 def _aim(
     begin: int,
     end: int,
@@ -241,19 +217,3 @@ def _aim(
             found = aimed(emitters, e, px, py, pz, nx, ny, nz, leaf[v], sample, count, first, turn)
             rays[ray, 0], rays[ray, 1], rays[ray, 2] = origins[v]
             rays[ray, 3], rays[ray, 4], rays[ray, 5], weights[ray] = found
-
-
-@kernel
-def _weigh(
-    begin: int, end: int, ends: NDArray, weights: NDArray, hidden: NDArray, free: NDArray, mixed: NDArray
-) -> None:
-    for pair in range(begin, end):
-        total, passed, blocked = 0.0, 0.0, 0.0
-        for ray in range(ends[pair], ends[pair + 1]):
-            total += weights[ray]
-            if hidden[ray]:
-                blocked += weights[ray]
-            else:
-                passed += weights[ray]
-        free[pair] = passed / total if total > 0.0 else 0.0
-        mixed[pair] = total == 0.0 or (passed > 0.0 and blocked > 0.0)

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.kernels import kernel
+from splat2mesh.base.sphere import GOLDEN_TURN
 
 from ..transfer.occluder import MAX_OFFSET
-from ..transfer.sampling import GOLDEN_TURN
 from .emitters import BALL, TRIANGLE, Emitters
 
 INSIDE = np.float32(1.0)

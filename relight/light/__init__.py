@@ -16,7 +16,8 @@ MOST_RADIANCE = 1e12
 """Brighter pixels are clipped to it, and lamps refused, or sums and exposures would leave float32. The sun has 2e9
 cd/m^2."""
 
-HEIGHT, WIDTH = 256, 512
+HEIGHT = 256
+WIDTH = 2 * HEIGHT
 """Texels of the image of a sky that is computed: 0.7 degrees."""
 
 SUN_TOLERANCE = 0.007

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from splat2mesh.base.errors import InputError
-from splat2mesh.base.inputs import inside, load_arrays, read_json, reading
+from splat2mesh.base.inputs import GIB, inside, load_arrays, read_json, reading
 from splat2mesh.base.outputs import staged_file
 
 from . import ANEW
@@ -30,9 +30,6 @@ SCHEMA_VERSION = 1
 _ENVIRONMENTS = "captured_light-{}.npz"  # by a digest of the content, so that a chosen light keeps its file
 
 _PACKED = ".npz"
-
-MOST_BYTES = 1 << 30
-"""Of an environment, unpacked: 8,192 x 4,096 texels take 400 MB."""
 
 
 @dataclass(frozen=True)
@@ -259,7 +256,7 @@ def read_environment(path: str | os.PathLike[str], name: str) -> "Environment":
         found = Environment.load(path)
         return Environment(found.radiance, name, found.rotation_deg)
     with reading(path):
-        arrays = load_arrays(path, MOST_BYTES, ("radiance", "rotation_deg"))
+        arrays = load_arrays(path, GIB, ("radiance", "rotation_deg"))
         if arrays["radiance"].dtype.kind != "f" or np.size(arrays["rotation_deg"]) != 1:
             raise ValueError("expected a float image and an angle")
         return Environment(arrays["radiance"], name, float(arrays["rotation_deg"]))

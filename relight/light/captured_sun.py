@@ -18,8 +18,6 @@ _WORDS = re.compile(r"\s+(?=(?:at|north)=)")
 
 _EXPECTED = "expected a time with its zone and a place, or azimuth and height, such as 210,35"
 
-_UNIT_LENGTH = 1e-9  # a direction so near to length 1 is kept to the bit
-
 
 def captured_sun(said: DaylightRequest | str | Sequence[float]) -> tuple[float, float, float]:
     """Return the unit direction toward the captured sun, scene frame.
@@ -43,7 +41,7 @@ def captured_sun(said: DaylightRequest | str | Sequence[float]) -> tuple[float, 
         _refuse(str(said), _EXPECTED)
     if values[1] <= 0.0:
         _refuse(str(said), "the sun must be above the horizon, y above 0")
-    x, y, z = values if abs(length - 1.0) < _UNIT_LENGTH else (each / length for each in values)
+    x, y, z = values if math.isclose(length, 1.0) else (each / length for each in values)
     return x, y, z
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Floats
 from splat2mesh.base.errors import DataWarning
+from splat2mesh.base.threads import ROWS_AT_ONCE
 
 Chromaticities = tuple[float, float, float, float, float, float, float, float]
 """x and y of red, green, blue and white, as OpenEXR and Radiance files name them."""
@@ -29,8 +30,6 @@ FARTHEST = 2.0
 
 OUTSIDE = 1e-3
 """Share of a pixel's brightest channel by which another may be negative: twice the rounding of half floats."""
-
-_SLAB = 1 << 18  # values converted at a time, in double precision
 
 _BRADFORD = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]])
 
@@ -92,8 +91,8 @@ def as_rec709(pixels: NDArray[np.float32], chromaticities: Sequence[float], name
         return pixels
     inverse, outside = np.linalg.inv(matrix).T, 0
     rows = np.array(pixels, np.float32, order="C").reshape(-1, 3)
-    for start in range(0, len(rows), _SLAB):
-        slab = rows[start : start + _SLAB]
+    for start in range(0, len(rows), ROWS_AT_ONCE):
+        slab = rows[start : start + ROWS_AT_ONCE]
         most = np.finfo(np.float32).max
         own = np.clip(slab, -most, most).astype(np.float64)  # an infinite channel would make NaN of the others
         found = own @ inverse

@@ -13,6 +13,7 @@ from datetime import datetime, timedelta, timezone
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
+from splat2mesh.base.choices import MOST_STEPS
 from splat2mesh.base.errors import InputError
 
 from . import HEIGHT, WIDTH
@@ -24,9 +25,6 @@ if TYPE_CHECKING:
 
     from .environment import Environment
     from .sky_model import ClearSky
-
-MOST_STEPS = 3600
-"""Most times in a day: one in 24 seconds."""
 
 TURBIDITY, GROUND_ALBEDO = 3.0, 0.3
 """A clear day; dry grass, soil and stone mixed."""

@@ -1,4 +1,4 @@
-"""Radiance pictures (.hdr, RGBE), of any writer: plain, old and new run lengths, rows and columns in any order.
+"""Radiance pictures (.hdr, RGBE) as writers have made them since 1991: plain or in run lengths, row after row.
 
 Source: Ward, "Real Pixels", Graphics Gems II (1991); Radiance, src/common/color.c, header.c and resolu.c.
 """
@@ -11,14 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.errors import InputError
+from splat2mesh.base.inputs import FREE
 from splat2mesh.base.kernels import kernel
 
 from .color_spaces import XYZ, as_rec709
 from .sizes import check_pixels
 
-_RESOLUTION = re.compile(rb"([+-])([XY]) +(\d{1,9}) +([+-])([XY]) +(\d{1,9})\s*")
+_RESOLUTION = re.compile(rb"([+-])Y +(\d{1,9}) +\+X +(\d{1,9})\s*")
 _DAMAGED = "is a damaged or unusual Radiance HDR file"
-_LONGEST_HEADER = 1 << 16
 _NEW_RUNS = 8, 32767  # widths that may be packed in the new way
 
 
@@ -28,28 +28,16 @@ def decode(data: bytes, name: object) -> NDArray[np.float32]:
     It is divided by the EXPOSURE and COLORCORR of the header, and converted from its PRIMARIES or CIE XYZ. Raises
     InputError for a damaged file, and for one that announces more pixels than its bytes can hold.
 
-    imagecodecs decodes the usual order of rows alike, bit by bit, but ignores exposures and reads neither other orders
-    nor old run lengths (`docs/decisions.md`).
+    imagecodecs decodes the usual order of rows alike, bit by bit, but ignores exposures and reads no rows from below
+    (`docs/decisions.md`).
     """
-    exposure, primaries, order, start = _header(data, name)
-    (first_sign, first, rows), (second_sign, second, columns) = order
-    if {first, second} != {b"X", b"Y"} or not (rows and columns):
-        raise InputError(f"{name} {_DAMAGED}: its picture has no size")
+    exposure, primaries, (upward, rows, columns), start = _header(data, name)
     check_pixels(name, rows, columns, len(data))
     pixels = np.zeros((rows, columns, 4), np.uint8)
     done = _unpack(np.frombuffer(data, np.uint8), start, pixels, _NEW_RUNS[0] <= columns <= _NEW_RUNS[1])
     if done < rows:
         raise InputError(f"{name} {_DAMAGED}: {done} of {rows} rows can be read: export it again")
-    if first_sign == b"+":  # the usual order is -Y +X: from the top, from the left
-        pixels = pixels[::-1] if first == b"Y" else pixels
-    elif first == b"X":
-        pixels = pixels[::-1]
-    if second_sign == b"-":
-        pixels = pixels[:, ::-1] if second == b"X" else pixels
-    elif second == b"Y":
-        pixels = pixels[:, ::-1]
-    if first == b"X":
-        pixels = pixels.swapaxes(0, 1)
+    pixels = pixels[::-1] if upward else pixels
     scale = np.ldexp(np.float32(1.0), pixels[..., 3:].astype(np.int32) - 136)
     scale[pixels[..., 3:] == 0] = 0.0
     with np.errstate(over="ignore"):
@@ -60,8 +48,8 @@ def decode(data: bytes, name: object) -> NDArray[np.float32]:
 
 def _header(
     data: bytes, name: object
-) -> tuple[NDArray[np.float64], Sequence[float] | None, list[tuple[bytes, bytes, int]], int]:
-    """(exposures of (3,), primaries, [(sign, axis, count)] of rows and columns, where the pixels start)."""
+) -> tuple[NDArray[np.float64], Sequence[float] | None, tuple[bool, int, int], int]:
+    """(exposures of (3,), primaries, what `_size` returns, where the pixels start)."""
     exposure = np.ones(3)
     primaries: Sequence[float] | None = None
     entries, start = _entries(data, name)
@@ -89,7 +77,7 @@ def _entries(data: bytes, name: object) -> tuple[list[tuple[bytes, bytes]], int]
     found: list[tuple[bytes, bytes]] = []
     start = 0
     while True:
-        end = data.find(b"\n", start, _LONGEST_HEADER)
+        end = data.find(b"\n", start, FREE)
         if end < 0:
             raise InputError(f"{name} {_DAMAGED}: its header has no end")
         line, start = data[start:end].strip(), end + 1
@@ -99,14 +87,13 @@ def _entries(data: bytes, name: object) -> tuple[list[tuple[bytes, bytes]], int]
         found.append((key, value.strip()))
 
 
-def _size(data: bytes, start: int, name: object) -> tuple[list[tuple[bytes, bytes, int]], int]:
-    """[(sign, axis, count)] of rows and columns, and where the pixels start."""
+def _size(data: bytes, start: int, name: object) -> tuple[tuple[bool, int, int], int]:
+    """(whether rows go upward, rows, columns), and where the pixels start."""
     end = data.find(b"\n", start, start + 100)
     found = _RESOLUTION.fullmatch(data[start:end]) if end >= 0 else None
-    if found is None:
+    if found is None or not (int(found[2]) and int(found[3])):
         raise InputError(f"{name} {_DAMAGED}: its picture has no size, such as -Y 512 +X 1024")
-    axes = (found.group(k, k + 1, k + 2) for k in (1, 4))
-    return [(sign, axis, int(count)) for sign, axis, count in axes], end + 1
+    return (found[1] == b"+", int(found[2]), int(found[3])), end + 1
 
 
 @kernel
@@ -143,23 +130,10 @@ def _unpack(data: NDArray[np.uint8], at: Any, pixels: NDArray[np.uint8], may_be_
                         at += count
                     x += count
             continue
-        x, shift = np.int64(0), 0
-        while x < width:
-            if at + 4 > size:
+        for column in range(width):
+            if at + 4 > size or (data[at] == 1 and data[at + 1] == 1 and data[at + 2] == 1):  # a run of before 1991
                 return row
-            if data[at] == 1 and data[at + 1] == 1 and data[at + 2] == 1:
-                count = np.int64(data[at + 3]) << shift if shift < 32 else np.int64(width) + 1
-                if x == 0 or x + count > width:
-                    return row
-                for k in range(count):
-                    for channel in range(4):
-                        line[x + k, channel] = line[x - 1, channel]
-                x += count
-                shift += 8
-            else:
-                for channel in range(4):
-                    line[x, channel] = data[at + channel]
-                x += 1
-                shift = 0
+            for channel in range(4):
+                line[column, channel] = data[at + channel]
             at += 4
     return pixels.shape[0]

@@ -4,22 +4,19 @@ import struct
 from typing import Any
 
 from splat2mesh.base.errors import InputError
-
-FREE_PIXELS = 1 << 25
-"""Pixels that any file may announce: 8192 x 4096, which take about 2 GB with all that is made of them. More only where
-the file has a byte for each: large pictures of real light are noise to every packer."""
+from splat2mesh.base.inputs import FREE
+from splat2mesh.scene.gltftextures import MOST_TEXELS
 
 MOST_CHANNELS = 8
 """Factor on the values of all channels and parts of a file: light needs three channels, renderers write some more."""
 
 _DEEP = b"deepscanline", b"deeptile"
-_LONGEST_HEADER = 1 << 20
 
 
 def check_pixels(name: object, width: int, height: int, size: int) -> None:
-    """Raise InputError for a picture that declares more pixels than its file has bytes, or than FREE_PIXELS where that
+    """Raise InputError for a picture that declares more pixels than its file has bytes, or than MOST_TEXELS where that
     is more. name: of the file."""
-    most = max(FREE_PIXELS, size)
+    most = max(MOST_TEXELS, size)
     if width * height > most:
         raise InputError(
             f"{name} announces {width} x {height} pixels in {size:,} bytes, expected at most {most:,}: make it smaller"
@@ -48,7 +45,7 @@ def check_exr(name: object, data: bytes) -> None:
             check_pixels(name, width, height, len(data))
             if window == "dataWindow":
                 values += width * height * _channels(part["channels"])
-    most = MOST_CHANNELS * max(FREE_PIXELS, len(data))
+    most = MOST_CHANNELS * max(MOST_TEXELS, len(data))
     if values > most:
         raise InputError(f"{name} announces {values:,} values in all its channels, expected at most {most:,}")
 
@@ -74,7 +71,7 @@ def _exr_headers(data: bytes) -> list[dict[str, Any]]:
             end = data.index(b"\0", end + 1, end + 257)
             (size,) = struct.unpack_from("<i", data, end + 1)
             at = end + 5 + size
-            if size < 0 or at > min(len(data), _LONGEST_HEADER):
+            if size < 0 or at > min(len(data), FREE):
                 raise ValueError(f"{name[:40]!a} goes beyond its end")
             part[name] = data[at - size : at].rstrip(b"\0") if name == "type" else data[at - size : at]
         at += 1

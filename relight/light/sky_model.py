@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from splat2mesh.base.arrays import Directions, Floats, Vector
 from splat2mesh.base.errors import InputError
 from splat2mesh.scene.color import luminance
+from splat2mesh.scene.measured import SKY_HEIGHT, SKY_WIDTH
 
 SUN_RADIUS_DEG = 0.2666
 """Half the apparent diameter of the sun at its mean distance: 959.6 seconds of arc."""
@@ -28,7 +29,7 @@ _DATA = Path(__file__).parent / "data" / "hosek_wilkie_rgb.npz"
 
 _DISC_RINGS, _DISC_SPOKES = 16, 32  # parts of the disc, of equal solid angle
 
-_QUADRATURE = 64, 128  # elevations and azimuths of the irradiance: within 1e-5 of 400 x 1,000 of them
+_QUADRATURE = SKY_HEIGHT, SKY_WIDTH  # elevations and azimuths of the irradiance: within 1e-5 of 400 x 1,000 of them
 
 _TWILIGHT_BLUE = np.array([0.694, 1.008, 1.823])
 """CIE daylight of 20,000 K, of luminance 1: the sun below the horizon lights air that ozone has turned blue."""

@@ -21,6 +21,7 @@ from splat2mesh.base.arrays import Directions, Floats, Indices, Integers, Radian
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.sphere import fibonacci_sphere
 from splat2mesh.scene.color import luminance
+from splat2mesh.scene.measured import SKY_HEIGHT, SKY_WIDTH
 
 from ..sh import harmonics
 from . import SUN_TOLERANCE, projections
@@ -41,10 +42,7 @@ _PART_ENERGY = 1.0 / 1024  # of the light, in each part of a texel: well below w
 _POOL_HEIGHT = 512  # rows of finer images are pooled to so many, of 0.35 degrees: less than the solar disc
 _LLOYD_ROUNDS = 5  # the largest errors come down by up to a tenth, the mean by 2%
 _ENOUGH = 1.1  # of the least estimate: the last tenth can take a hundred suns
-GRID = (64, 128)  # for the estimate: cells of 2.8 degrees, well under the width of a lobe of 10 bands
-
-
-_PROBES = 256  # vertices beside walls, for the estimate
+GRID = (SKY_HEIGHT, SKY_WIDTH)  # for the estimate: cells of 2.8 degrees, well under the width of a lobe of 10 bands
 
 
 class Rest(Environment):
@@ -214,7 +212,7 @@ def _probes(bands: int) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArr
 @lru_cache(1)
 def _imagined() -> tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.float64]]:
     """The imagined vertices' exit radiance (P, cells) float32, directions and solid angles of the cells."""
-    normals = fibonacci_sphere(_PROBES).astype(np.float32)
+    normals = fibonacci_sphere().astype(np.float32)
     walls = np.random.default_rng(0).normal(size=normals.shape).astype(np.float32)
     cells = projections.texel_directions(*GRID).reshape(-1, 3)
     areas = np.repeat(projections.row_solid_angles(*GRID).ravel(), GRID[1])

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from splat2mesh.base.arrays import Faces, Floats, Indices, Matrix4, Points
 from splat2mesh.base.errors import InputError
 from splat2mesh.scene.scene import Scene
-from splat2mesh.splats.splats import Splats
+from splat2mesh.splats.splats import SOLID, Splats
 from splat2mesh.surface.decimate import decimate
 
 from ..light.environment import Environment
@@ -45,7 +45,7 @@ PROXY_VERTICES = 50_000
 FIRST_FOV_DEG = 60.0
 """Field of view along the longer side of the window, for objects."""
 
-SOLID, LEAST_SOLID = 0.3, 100
+LEAST_SOLID = 100
 """Opacity of the splats that bound an object, and their least number; with fewer, its mesh bounds it."""
 
 STRAY_PERCENTILES, BOX_MARGIN = (0.5, 99.5), 0.02

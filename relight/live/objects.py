@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from splat2mesh.base.arrays import Indices
 from splat2mesh.splats.splats import SH_C0, Splats
 
+from ..splats.light_ratio import CURVE_OFFSET
 from .movable import FILE as MOVABLE_FILE
 from .movable import Movable
 
@@ -17,7 +18,7 @@ FILE, MESH = "objects.bin", "inserted.glb"
 UNIT = 1024
 """Range of a gain of 16 bits, as on the page."""
 
-LIFT, LEAST = 0.055, 0.01
+LEAST = 0.01
 """A gain acts on a display colour plus .055 (docs/live.md). A colour with less than LEAST in both has no gain."""
 
 
@@ -60,7 +61,7 @@ def objects_of(
     without: Splats, shadowed: Splats, glb: bytes, angle_deg: float, movable: Sequence[Movable] = ()
 ) -> LiveObjects:
     """The LiveObjects of splats under their first light, given without and with the objects, in the same order."""
-    before, after = (SH_C0 * np.asarray(each.sh[:, 0], np.float64) + 0.5 + LIFT for each in (without, shadowed))
+    before, after = (SH_C0 * np.asarray(each.sh[:, 0], np.float64) + 0.5 + CURVE_OFFSET for each in (without, shadowed))
     gain = np.where(before > LEAST, np.maximum(after, 0.0) / np.maximum(before, LEAST), 1.0)
     packed = np.minimum(np.rint(gain * UNIT), 2**16 - 1).astype(np.uint16)
     rows = np.flatnonzero((packed != UNIT).any(axis=1))

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Coefficients, Floats
 
-from ..engine.appearance import LEAST_ALBEDO
+from ..albedo.division import DARKEST
 from ..sh import harmonics
 from ..splats.light_ratio import linear_parts
 from ..transfer.bounces import transfer_with_bounces
@@ -63,7 +63,7 @@ def response_of(
     own, usual = linear_parts(captured, before)
     weight = shares / np.maximum(shares @ before, 1e-12)[:, None]  # (3, V): of vertices in the light ratio of the scene
     albedo = np.ones(captured.shape, np.float32) if appearance.albedo is None else appearance.albedo
-    bright = np.maximum(albedo, np.float32(LEAST_ALBEDO))  # the divisor of relit splats
+    bright = np.maximum(albedo, np.float32(DARKEST))  # the divisor of relit splats
     values = np.zeros((len(before), COEFFICIENTS, 3), np.float32)
     mean = np.zeros((SPREAD_BANDS**2 + 1, 3))
     lamps: Floats = np.zeros_like(captured)

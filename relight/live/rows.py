@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Floats, Radiance
 from splat2mesh.base.errors import DataWarning
+from splat2mesh.base.threads import ROWS_AT_ONCE
 from splat2mesh.scene.color import luminance
 from splat2mesh.splats.splats import SH_C0, Splats
 
@@ -26,8 +27,6 @@ HOPELESS = 2.0
 
 ANGLES_DEG = (0.0, 90.0, 180.0, 270.0)
 """Angles of the lights under which the error of the bytes is measured."""
-
-_BATCH = 1 << 16
 
 
 class LitRows(NamedTuple):
@@ -92,7 +91,7 @@ def lit_rows(
     moment = usual_moment(known.brightness)
     rows, basis = reduced(response.values, counts, moment)
     rows, counts = _rows_and_counts(binding, rows, even, known.splats, basis.by_color(moment))
-    every = slice(None, None, -(-len(rows) // _BATCH))
+    every = slice(None, None, -(-len(rows) // ROWS_AT_ONCE))
     truth = np.stack([binding.spread(each)[every] for each in np.moveaxis(truth, 1, 0)], axis=1)
     return LitRows(rows, counts, every, vectors, truth), basis
 

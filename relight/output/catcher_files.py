@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from splat2mesh.base.arrays import Floats
 from splat2mesh.base.outputs import staged_file
 from splat2mesh.render.rasterize import Rendering
-from splat2mesh.scene.color import linear_from_srgb
+from splat2mesh.scene.color import BLACK, linear_from_srgb
 from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.formats.inria import header_of, row_type
 from splat2mesh.splats.formats.ply import Ply
@@ -29,10 +29,6 @@ PICTURE = "catcher.exr"
 
 RATIOS = ("ratio_r", "ratio_g", "ratio_b")
 """Properties of catcher.ply beyond those of any splat."""
-
-BLACK = 1e-4
-"""Linear light below which a colour is black: a third of a step of a byte. A ratio to it carries no information, and is
-1."""
 
 
 def write_catcher(

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.render.raycaster import RayCaster
+from splat2mesh.views.picture import FOV_DEG
 
 from .kinds import PICTURE_SIZE
 from .picture import RelitPicture
@@ -16,8 +17,6 @@ if TYPE_CHECKING:
     from splat2mesh.scene.scene import Scene
 
 SIZE = PICTURE_SIZE[0] // 2, PICTURE_SIZE[1] // 2
-
-FOV_DEG = 70.0
 
 RING = 0.16
 """Radius of the ring about a lamp, of the picture's height."""

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from splat2mesh.render.view import View
+from splat2mesh.scene.color import BLACK
 
 from ..light.color_spaces import SPACES, converted
 from .images import write_exr
@@ -19,9 +20,6 @@ from .subject import LightParts, LitFolder, WrittenScene
 
 FOLDER = "passes"
 """Names of files with several cameras."""
-
-BLACK = 1e-6
-"""Albedo, premultiplied, below which a pixel does not show light."""
 
 
 class PassFiles:

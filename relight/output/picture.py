@@ -11,9 +11,9 @@ from splat2mesh.render.rasterize import Rendering, rasterize
 from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
 from splat2mesh.scene.drawn import Drawn
 from splat2mesh.splats.splats import Splats
+from splat2mesh.views.standpoints import NEAR_DIAGONAL
 
 from ..light.tonemap import compress_highlights
-from ..splats.floaters import NEAR
 from .backdrop import behind, is_even, is_soft
 from .catcher import Catcher, GroundLight
 from .inset import add_inset
@@ -84,7 +84,7 @@ class RelitPicture:
         """The Rendering of splats in the frame that `scene_from_splat` starts from, before nothing."""
         frame = np.asarray(self._scene.scene_from_splat, np.float64)
         view = replace(self.view, camera_from_world=_rigid(self.view.camera_from_world @ frame))
-        return rasterize(splats, view, NEAR * self._scene.diagonal / _scale(frame))
+        return rasterize(splats, view, NEAR_DIAGONAL * self._scene.diagonal / _scale(frame))
 
     def of_vertices(
         self, radiance: NDArray, environment: "Environment | None", exposure: float, inset: bool = True

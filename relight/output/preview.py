@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.errors import InputError
+from splat2mesh.base.sphere import GOLDEN_TURN
 from splat2mesh.render.raycaster import RayCaster, corner_weights
 from splat2mesh.render.view import View
 from splat2mesh.scene.color import bytes_from_unit, linear_from_srgb, srgb_from_linear
 
 from ..light.tonemap import compress_highlights
 from ..transfer.occluder import BATCH_RAYS
-from ..transfer.sampling import GOLDEN_TURN
 from .mesh_files import check_radiance
 
 if TYPE_CHECKING:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Vector
 from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
+from splat2mesh.scene.measured import SKY_HEIGHT
 
 from ..insert.probe import ProbedScene, usual_place
 from ..insert.probe_grid import ProbeGrid
@@ -23,9 +24,6 @@ BALL = 360
 
 GREY = 0.5
 """Albedo of the grey ball."""
-
-ROWS_OF_GRID = 64
-"""Size of the pictures of a grid's probes: enough for nine harmonics."""
 
 
 def write_probes(
@@ -46,7 +44,7 @@ def write_probes(
         names += [f"{stem}.exr", f"{stem}.png"]
 
     def light_at(number: int, place: Vector) -> NDArray[np.float32]:
-        return images[number] if grid is None else probed.picture(place, ROWS_OF_GRID)
+        return images[number] if grid is None else probed.picture(place, SKY_HEIGHT)
 
     at = places_of(grid, places, probed.scene)
     return names + write_probe_set(folder, probed.scene, probed.occluder, at, light_at)

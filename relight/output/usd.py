@@ -5,6 +5,7 @@ Source: OpenUSD 26.03 and later, usdVol ParticleField3DGaussianSplat, usdLux Dom
 
 import os
 from collections.abc import Mapping
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,12 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.errors import InputError
+from splat2mesh.base.extras import needed
 from splat2mesh.base.outputs import staged_file
 from splat2mesh.splats.placing import placed
 from splat2mesh.splats.splats import Splats
 
-from ..lamps import usd_lights
-from ..lamps.export import define_lamps
 from .images import write_exr
 from .lamps_glb import ShownLight
 from .splat_glb import showable
@@ -25,6 +25,9 @@ from .splat_glb import showable
 if TYPE_CHECKING:
     from splat2mesh.scene.scene import Scene
 
+
+MODULES = "Gf", "Sdf", "Tf", "Usd", "UsdGeom", "UsdLux", "UsdShade", "UsdVol", "Vt"
+"""Of usd-core."""
 
 FILE, LIGHT = "relit_splat.usdc", "light.exr"
 
@@ -51,8 +54,7 @@ def write_usd(
     chooses. /World/Proxy is the mesh of the scene with the purpose `proxy`, which renderers leave out unless asked.
     Where something is glossy /World/Gloss is its material, of the primvars displayColor and roughness.
     /World/Light is a DomeLight whose intensity is the exposure: the sky that the splats were lit by, and for a renderer
-    that lights the look `albedo` the light itself. /World/Lamps has placed lamps, in the same
-    display values. Raises InputError without usd-core of 26.03 or later.
+    that lights the look `albedo` the light itself. Raises InputError without usd-core of 26.03 or later.
     """
     pxr, light = library(), lit.light
     first = next(iter(looks.values()))
@@ -74,7 +76,6 @@ def write_usd(
         dome.CreateTextureFileAttr(pxr.Sdf.AssetPath(f"./{LIGHT}"))
         dome.CreateTextureFormatAttr(pxr.UsdLux.Tokens.latlong)  # OpenEXR's layout, as ours: the centre looks at +z
         dome.AddRotateYOp().Set(float(light.rotation_deg))
-        define_lamps(stage, lit.placed.lamps, lit.placed.names)
         stage.GetRootLayer().Save()
         if named != staging:
             os.replace(named, staging)
@@ -84,7 +85,10 @@ def write_usd(
 
 def library() -> Any:
     """The modules of usd-core. Raises InputError where they lack or are too old."""
-    pxr = usd_lights.library()
+    needed("pxr", "USD")
+    pxr: Any = import_module("pxr")
+    for name in MODULES:
+        import_module(f"pxr.{name}")
     if not hasattr(pxr.UsdVol, "ParticleField3DGaussianSplat"):
         found = ".".join(map(str, pxr.Usd.GetVersion()[1:]))
         raise InputError(f"USD knows splats from 26.03 on, found usd-core {found}: pip install --upgrade usd-core")

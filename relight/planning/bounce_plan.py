@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 from ..transfer.bounces import Interreflection
 from ..transfer.first_bounce import first_bounce
 from ..transfer.occluder import Occluder
-from .lamp_plan import LEAST_LIGHT, SAMPLE, RayPlan
+from .costs import RAYS
+from .lamp_plan import SAMPLE, RayPlan
 
-CHOICES = 64, 128, 256, 512
+CHOICES = RAYS[4:8]
 
 
 BRIGHT = 90.0
@@ -66,4 +67,6 @@ def _square(off: NDArray[np.float32]) -> float:
 def _brightness(light: NDArray[np.float32]) -> float:
     """Root mean square of light (N, 3), as BRIGHT counts it."""
     each = np.sqrt(np.square(light, dtype=np.float64).mean(axis=1))
-    return max(math.sqrt(float(np.square(np.minimum(each, np.percentile(each, BRIGHT))).mean())), LEAST_LIGHT)
+    return max(
+        math.sqrt(float(np.square(np.minimum(each, np.percentile(each, BRIGHT))).mean())), np.finfo(np.float64).tiny
+    )

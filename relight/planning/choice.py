@@ -15,6 +15,7 @@ from ..light.suns import Suns
 from ..options import LightingOptions
 from ..transfer.settings import BOUNCES, SHADOWS, SUN, VOLUME, Settings
 from . import costs
+from .costs import RAYS
 from .effect_errors import EffectErrors
 
 SAFETY = 0.75
@@ -25,7 +26,6 @@ SKIPPED = 0.35
 """Part of the tolerance that skipped shadows, and skipped bounces, may use up: squares add."""
 
 BANDS = (2, 3, 4, 5, 6, 8, 10)
-RAYS = tuple(2**power for power in range(2, 12))
 
 SUN_TOLERANCES = tuple(0.001 * 4.0**power for power in range(4))
 """What suns may be split to, whatever the tolerance, so that a looser one has every choice of a tighter one. What a

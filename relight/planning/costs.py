@@ -24,12 +24,15 @@ SPLIT = 1e6  # in all, to find the suns of an image: .08 to .25 s for six lights
 SUN_RAY = 0.6  # per sun: half of them stand before a vertex
 FIRST_HIT = 1.2  # per bounce ray: its hit, and its entry in the matrix
 BOUNCE = 0.02  # per bounce ray and bounce
-FOLLOWED = 4  # bounces
+FOLLOWED = 4  # bounces that matter: in a garden four darken the shadow of an object by a tenth
 
 SUNS_AT = 30, 0.01
 """Suns to expect before they are found: so many for this tolerance, as its inverse square root."""
 
-BOUNCE_RAYS = tuple(2**power for power in range(3, 10))
+RAYS = tuple(2**power for power in range(2, 12))
+"""Rays per vertex to choose from: 4 to 2,048."""
+
+BOUNCE_RAYS = RAYS[1:8]
 """Rays per vertex that gather bounced light, to choose from."""
 
 BOUNCE_NOISE, BOUNCE_POWER = 0.242, -0.61

@@ -18,7 +18,8 @@ from ..light.sun_split import LEVELS
 from ..light.suns import Suns
 from ..sh.harmonics import MAX_BANDS
 from . import cells
-from .paths import DEPTH, Bounced
+from .costs import FOLLOWED
+from .paths import Bounced
 from .sample import Sample
 from .sun_widths import width_error
 
@@ -114,11 +115,11 @@ class EffectErrors:
 
     @cached_property
     def bounces(self) -> NDArray[np.float64]:
-        """(DEPTH,) error of stopping after 0, 1, .. bounces; zeros where none were followed."""
+        """(FOLLOWED,) error of stopping after 0, 1, .. bounces; zeros where none were followed."""
         if self.bounced is None:
-            return np.zeros(DEPTH)
+            return np.zeros(FOLLOWED)
         tails = self.bounced.halves[:, ::-1].cumsum(axis=1)[:, ::-1]
-        norms = np.array([self._halves_norm(tails[:, depth]) for depth in range(DEPTH)])
+        norms = np.array([self._halves_norm(tails[:, depth]) for depth in range(FOLLOWED)])
         return (norms / self.total).max(axis=1)
 
     def changed(self, seen: Floats) -> float:

@@ -11,18 +11,19 @@ from ..lamps.emitters import Emitters
 from ..lamps.tracing import CHANCE_PART, LitVertices, lamplight
 from ..transfer.neighbors import along_curve
 from ..transfer.occluder import Occluder
+from .costs import RAYS
 
 SAMPLE = 1024
 """Vertices of the sample. Of half-shadows, which are on a tenth of them, it has a hundred."""
 
-CHOICES = 8, 16, 32, 64, 128, 256
-REFERENCE = 1024
+CHOICES = RAYS[1:7]
+REFERENCE = SAMPLE
 
 MANY = ALONE + CHANCE_PART * CHOICES[0]
 """Emitters beyond which some choice of rays makes vertices choose among them. The sample then consists of whole blocks
 of vertices, which share a list of the brightest, and its reference takes every emitter at each vertex."""
 
-MORE_CHOICES = 512, 1024
+MORE_CHOICES = RAYS[7:9]
 """Rays that may be taken beyond CHOICES where vertices choose among many emitters: with them the choice grows."""
 
 BLOCKS, JUDGED, MANY_PAIRS = 96, 4, 2**22
@@ -31,8 +32,6 @@ most. With 13 blocks and all of their vertices the error of 10,000 lamps was pre
 
 MANY_REFERENCE = 64
 """Rays of that reference in half-shadows."""
-
-LEAST_LIGHT = 1e-9
 
 
 class RayPlan(NamedTuple):
@@ -116,12 +115,12 @@ def plan_lamps(
         seconds = (time.perf_counter() - start) * count / len(rows)
         squares = np.square(found[judged] - true).mean(axis=1, dtype=np.float64)
         doubt = float(squares.std()) / len(squares) ** 0.5 if many else 0.0  # few errors are large
-        error = (float(squares.mean()) + doubt) ** 0.5 / max(whole, LEAST_LIGHT)
+        error = (float(squares.mean()) + doubt) ** 0.5 / max(whole, np.finfo(np.float64).tiny)
         curve.append((seconds, error, rays))
         if error < tolerance / 4.0:
             break
     kept = next((step for step in curve if step[1] <= tolerance), curve[-1])
-    share = float(true.sum() / max(float((true + beside).sum()), LEAST_LIGHT))
+    share = float(true.sum() / max(float((true + beside).sum()), np.finfo(np.float64).tiny))
     return RayPlan(kept[2], kept[1], kept[0], curve, kept[1] <= tolerance, share)
 
 

@@ -10,17 +10,17 @@ from splat2mesh.base.arrays import Directions, Floats, Radiance
 from splat2mesh.scene.color import luminance
 
 from ..sh import harmonics
+from ..transfer import FEW_BANDS
+from .costs import FOLLOWED
 from .sample import Sample
 
 PATHS = 24  # of each vertex, in two halves
-DEPTH = 4  # bounces that are followed; later ones are assumed to be a geometric series
-SMOOTH_BANDS = 3  # of the light that paths meet: a sun would make them noisy, and surfaces see it as wide
 
 
 class Bounced:
     """Light that reaches the vertices of a sample from other surfaces, for TURNS rotations.
 
-    halves: (2, DEPTH, S, TURNS, 3), exit radiance of white vertices after 1.. bounces, by half of the paths.
+    halves: (2, FOLLOWED, S, TURNS, 3), exit radiance of white vertices after 1.. bounces, by half of the paths.
     grey: the same if each surface had the luminance of its albedo as a grey, so that light keeps its colour.
     """
 
@@ -28,13 +28,13 @@ class Bounced:
         self,
         sample: Sample,
         albedo: Radiance,  # (V, 3) linear
-        coefficients: Floats,  # (K, TURNS, 3) of the light, at least SMOOTH_BANDS bands
+        coefficients: Floats,  # (K, TURNS, 3) of the light, at least FEW_BANDS bands
         seed: int = 0,
     ) -> None:
         count, turns = len(sample.rows), coefficients.shape[1]
-        coefficients = coefficients[: SMOOTH_BANDS**2].reshape(SMOOTH_BANDS**2, -1)
+        coefficients = coefficients[: FEW_BANDS**2].reshape(FEW_BANDS**2, -1)
         random = np.random.default_rng(seed)
-        self.halves = np.zeros((2, DEPTH, count, turns, 3))
+        self.halves = np.zeros((2, FOLLOWED, count, turns, 3))
         self.grey = np.zeros_like(self.halves)
         occluder = sample.occluder
         start = np.repeat(np.arange(count), PATHS)
@@ -42,12 +42,12 @@ class Bounced:
         position, normal = occluder.origins[sample.rows[start]], occluder.normals[sample.rows[start]]
         weight = np.ones((len(start), 3)) / (PATHS / 2)
         dull = weight.copy()
-        for depth in range(DEPTH + 1):
+        for depth in range(FOLLOWED + 1):
             toward = _cosine(normal, random)
             _, face, uv, face_normal = occluder.first_hits(np.concatenate([position, toward], axis=1, dtype=np.float32))
             if depth:
                 free = face < 0
-                light = np.maximum(harmonics.evaluate(toward[free], SMOOTH_BANDS) @ coefficients, 0.0).reshape(
+                light = np.maximum(harmonics.evaluate(toward[free], FEW_BANDS) @ coefficients, 0.0).reshape(
                     -1, turns, 3
                 )
                 at = half[free], np.full(free.sum(), depth - 1), start[free]

@@ -16,7 +16,7 @@ from splat2mesh.base.sphere import fibonacci_sphere
 from splat2mesh.capture import Capture
 from splat2mesh.render.opacitygrid import OpacityGrid
 from splat2mesh.scene.color import linear_from_srgb
-from splat2mesh.splats.splats import SH_C0, Splats
+from splat2mesh.splats.splats import SH_C0, SOLID, Splats
 from splat2mesh.views.viewpoints import bounds_of
 
 from ..albedo.evidence import LitPlaces
@@ -36,9 +36,6 @@ SIDES = 128
 
 INNER_CELLS, OUTER_CELLS = 2_000_000, 300_000
 """Of the opacity of space: an eighth of what standpoints are found with."""
-
-SOLID = 0.3
-"""Least opacity of a Gaussian that is a place."""
 
 AROUND = 16
 """Gaussians whose shape and colour count at a place."""

@@ -4,14 +4,13 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from splat2mesh.base.sphere import NO_DIRECTION
+
 from ..transfer.neighbors import Neighbors
 from ..transfer.occluder import Occluder
 
 OWN = 1.0
 """Weight of a vertex's own value, against weights of at most 1 for those of its ring."""
-
-LEAST_LENGTH = 1e-3
-"""Least length of a mean normal that says which way its surface faces."""
 
 
 class Evenness:
@@ -40,4 +39,4 @@ class Evenness:
         """The same of unit normals (V, 3), unit again; where neighbours cancel out, the given ones."""
         mean = self.average(normals, rounds)
         length = np.linalg.norm(mean, axis=1, keepdims=True)
-        return np.where(length > LEAST_LENGTH, mean / np.maximum(length, LEAST_LENGTH), normals).astype(np.float32)
+        return np.where(length > NO_DIRECTION, mean / np.maximum(length, NO_DIRECTION), normals).astype(np.float32)

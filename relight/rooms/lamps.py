@@ -11,6 +11,7 @@ import scipy
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Integers, Mask
+from splat2mesh.render.raycaster import FREE
 
 from ..transfer.neighbors import ranked_nodes
 from ..transfer.occluder import Occluder
@@ -52,9 +53,6 @@ SPOTS = 24
 
 LIFT = 2e-3
 """Distance, in diagonals, of these points from the lamp's own, uneven surface."""
-
-SPOT_REACH = 0.995
-"""Share of the way to such a point that must be free."""
 
 
 class Lamp(NamedTuple):
@@ -147,6 +145,6 @@ def light_of(
         cosine = np.maximum(np.einsum("ij,ij->i", normals, toward), 0.0) * np.maximum(-(toward @ outward), 0.0)
         lit = np.flatnonzero(cosine > 0.0)
         rays = np.hstack([occluder.origins[lit], toward[lit]]).astype(np.float32)
-        lit = lit[~occluder.occluded(rays, SPOT_REACH)]
+        lit = lit[~occluder.occluded(rays, FREE)]
         light[lit] += cosine[lit] / np.maximum(square[lit], share) ** 2 * (share / np.pi)
     return light.astype(np.float32)

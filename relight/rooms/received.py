@@ -11,6 +11,7 @@ from splat2mesh.base.sphere import fibonacci_sphere, row_solid_angles, texel_dir
 from splat2mesh.scene.measured import CapturedSky
 
 from ..albedo import samples
+from ..albedo.captured import DARK
 from ..albedo.skylight import GROUND, SkyParts
 from ..transfer.facing import met_in_front
 from ..transfer.occluder import Occluder
@@ -37,7 +38,7 @@ which turned patches of a green wall blue."""
 LEAST_ABOVE = 0.02
 """Least visible steradians of the sky above the horizon that represent the invisible rest."""
 
-DARK, SATURATED = 0.002, 0.97
+SATURATED = 0.97
 """Range of linear colours in which a point carries information about its light."""
 
 

@@ -8,9 +8,6 @@ from splat2mesh.render.raycaster import FREE
 
 from ..transfer.occluder import Occluder
 
-LOOKS = 256
-"""Directions from each eye; those within UPRIGHT of straight up find the ceiling."""
-
 UPRIGHT = 0.8
 
 UNEVEN = 0.1
@@ -33,7 +30,7 @@ def seen_from(occluder: Occluder, rows: NDArray[np.int64], eyes: NDArray[np.floa
 def ceiling_level(occluder: Occluder, eyes: NDArray[np.float32]) -> tuple[float, float] | None:
     """Heights, unit frame, of the ceiling, where half of the rays up from the eyes (E, 3) end, and of the eyes; None
     where nothing is above them."""
-    directions = fibonacci_sphere(LOOKS)
+    directions = fibonacci_sphere()
     up = directions[directions[:, 1] > UPRIGHT]
     origins = np.repeat(eyes, len(up), axis=0)
     rays = np.hstack([origins, np.tile(up, (len(eyes), 1))]).astype(np.float32)

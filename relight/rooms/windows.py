@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Directions, Floats, Radiance, Transfer
 from splat2mesh.scene.color import luminance
-from splat2mesh.scene.measured import CapturedSky
+from splat2mesh.scene.measured import SKY_HEIGHT, SKY_WIDTH, CapturedSky
 
 from ..light import projections
 from ..light.environment import Environment
@@ -18,9 +18,6 @@ from ..transfer.bounces import visible_fraction
 from ..transfer.occluder import Occluder
 from ..transfer.sunlight import sunlight
 from . import received
-
-HEIGHT, WIDTH = 64, 128
-"""Size of the captured light's image, that of the picture behind it."""
 
 
 class WindowLight(NamedTuple):
@@ -58,11 +55,11 @@ def capture_light(
     """The Environment that came through the windows: what was seen of it, and the excess (W, 3) of its patches; of a
     known light itself, the excess of its only patch times as bright."""
     if not len(patches):
-        return Environment(np.zeros((HEIGHT, WIDTH, 3), np.float32), "no window")
+        return Environment(np.zeros((SKY_HEIGHT, SKY_WIDTH, 3), np.float32), "no window")
     if known is not None:
         light = known.environment
         return Environment(light.radiance * excess[0].astype(np.float32), light.name, light.rotation_deg)
-    directions = projections.texel_directions(HEIGHT, WIDTH).reshape(-1, 3)
+    directions = projections.texel_directions(SKY_HEIGHT, SKY_WIDTH).reshape(-1, 3)
     seen, unseen = received.sky_parts(sky, directions, image=True)
     radiance = seen + unseen * excess[scipy.spatial.cKDTree(patches).query(directions)[1]]
-    return Environment(radiance.reshape(HEIGHT, WIDTH, 3).astype(np.float32), "windows")
+    return Environment(radiance.reshape(SKY_HEIGHT, SKY_WIDTH, 3).astype(np.float32), "windows")

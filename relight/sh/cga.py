@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Directions, Points
 from splat2mesh.base.errors import InputError
-from splat2mesh.base.kernels import kernel
 
 from .normals import unit_normals
 
@@ -38,43 +37,21 @@ def vertex_motors(
     if points.ndim != 2 or points.shape[1] != 3 or normals.shape != points.shape:
         message = f"points and normals must both have shape (V, 3), found {points.shape} and {normals.shape}"
         raise InputError(message)
-    if points.dtype not in (np.float32, np.float64):  # those that the kernel is compiled for
-        points = points.astype(np.float64)
-    motors = np.zeros((len(points), 32), np.float32)
-    broken = _write_vertex_motors(points, unit_normals(normals), motors)
+    broken = np.count_nonzero(~(np.abs(points).sum(axis=1, dtype=np.float64) < FLOAT32_MAX))
     if broken:
         raise InputError(f"{broken} of {len(points)} points are not finite: remove these vertices first")
+    (x, y, z), (nx, ny, nz) = points.T.astype(np.float64), unit_normals(normals).T.astype(np.float64)
+    lean = np.sqrt(nx * nx + nz * nz)
+    length = np.sqrt(nx * nx + nz * nz + ny * ny)  # 1, up to rounding to float32
+    # Below the horizon 1 + y of a normal cancels; as (1 + y) (1 - y) = lean^2, scaling by (1 - y) / lean repairs it.
+    up, down = ny >= 0.0, (ny < 0.0) & (lean == 0.0)
+    scale = np.where(up | down, 1.0, (length - ny) / np.where(lean > 0.0, lean, 1.0))
+    rotor = np.stack([np.where(up, length + ny, lean), scale * nx, np.where(down, -1.0, -scale * nz)])
+    s, e12, e23 = rotor / np.sqrt((rotor * rotor).sum(axis=0))
+    motors = np.zeros((len(points), 32), np.float32)
+    motors[:, [0, 6, 10]] = np.stack([s, e12, e23], axis=1)
+    # The pairs of the moment -t R / 2: e14 and e15 to e1234 and e1235.
+    moments = x * s - y * e12, y * s + x * e12 - z * e23, z * s + y * e23, x * e23 + z * e12
+    for first, moment in zip((8, 11, 13, 26), moments, strict=True):
+        motors[:, first] = motors[:, first + 1] = -0.5 * moment
     return motors
-
-
-@kernel
-def _write_vertex_motors(points: Points, normals: Directions, motors: NDArray[np.float32]) -> int:
-    """Motors into zeros; returns how many points are not finite.
-
-    Below the horizon 1 + y of a normal cancels; as (1 + y) (1 - y) = lean^2, scaling by (1 - y) / lean repairs it.
-    Rows 0, 6, 10 are 1, e12, e23; the pairs of the moment -t R / 2 follow, e14 and e15 to e1234 and e1235.
-    """
-    broken = 0
-    for v in range(len(points)):
-        x, y, z = np.float64(points[v, 0]), np.float64(points[v, 1]), np.float64(points[v, 2])
-        nx, ny, nz = np.float64(normals[v, 0]), np.float64(normals[v, 1]), np.float64(normals[v, 2])
-        if not abs(x) + abs(y) + abs(z) < FLOAT32_MAX:
-            broken += 1
-        square = nx * nx + nz * nz
-        lean, length = np.sqrt(square), np.sqrt(square + ny * ny)  # the latter 1, up to rounding to float32
-        if ny >= 0.0:
-            s, e12, e23 = length + ny, nx, -nz
-        elif lean > 0.0:
-            scale = (length - ny) / lean
-            s, e12, e23 = lean, scale * nx, -scale * nz
-        else:
-            s, e12, e23 = np.float64(0.0), np.float64(0.0), np.float64(-1.0)
-        scale = 1.0 / np.sqrt(s * s + e12 * e12 + e23 * e23)
-        s, e12, e23 = s * scale, e12 * scale, e23 * scale
-        row = motors[v]
-        row[0], row[6], row[10] = s, e12, e23
-        row[8] = row[9] = -0.5 * (x * s - y * e12)
-        row[11] = row[12] = -0.5 * (y * s + x * e12 - z * e23)
-        row[13] = row[14] = -0.5 * (z * s + y * e23)
-        row[26] = row[27] = -0.5 * (x * e23 + z * e12)
-    return broken

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Coefficients, Directions, Floats
 from splat2mesh.base.errors import InputError
+from splat2mesh.base.threads import ROWS_AT_ONCE
 
 MAX_BANDS = 10
-_BLOCK = 8192  # directions evaluated at once: the working set of the recurrence stays in the cache
 
 
 def check_bands(bands: int) -> int:
@@ -63,8 +63,8 @@ def evaluate(directions: Directions, bands: int) -> Floats:
     if directions.ndim != 2 or directions.shape[1] != 3:
         raise InputError(f"directions must have shape (N, 3), found {directions.shape}")
     values = np.zeros((len(directions), bands * bands), directions.dtype)
-    for start in range(0, len(directions), _BLOCK):
-        block = slice(start, start + _BLOCK)
+    for start in range(0, len(directions), ROWS_AT_ONCE):
+        block = slice(start, start + ROWS_AT_ONCE)
         values[block] = _evaluate_block(np.ascontiguousarray(directions[block].T), bands).T
     return values
 

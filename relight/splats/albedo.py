@@ -6,14 +6,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from splat2mesh.base.sphere import NO_DIRECTION
 from splat2mesh.splats.splats import Splats
 
 from .binding import Binding
 
 if TYPE_CHECKING:
     from ..engine.appearance import Appearance
-
-_NO_DIRECTION = 1e-3  # length of a mean of unit normals below which they cancel
 
 
 def albedo_splats(
@@ -60,7 +59,7 @@ def normals_of(binding: Binding) -> NDArray[np.float32]:
     middle = surface.points.mean(axis=0, dtype=np.float64)
     axes *= np.where(np.einsum("nc,nc->n", axes, shown.means - middle) < 0.0, -1.0, 1.0)[:, None]
     normals = np.zeros((len(binding.lit), 3), np.float32)
-    shown_normals = np.where(length > _NO_DIRECTION, mean / np.maximum(length, _NO_DIRECTION), axes)
+    shown_normals = np.where(length > NO_DIRECTION, mean / np.maximum(length, NO_DIRECTION), axes)
     if binding.mirrored is not None:
         shown_normals[binding.mirrored.rows] = binding.mirrored.normal
     normals[binding.lit] = shown_normals

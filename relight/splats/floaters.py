@@ -20,6 +20,7 @@ from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.cleaning import sound
 from splat2mesh.splats.splats import INVISIBLE_OPACITY, Splats
 from splat2mesh.views.eyes import Eye, around
+from splat2mesh.views.standpoints import NEAR_DIAGONAL
 from splat2mesh.views.viewpoints import even_directions
 
 from ..albedo.seen import standing
@@ -43,9 +44,6 @@ AGREED = 0.5
 
 PIXELS = 128
 """Side of these pictures, six from each eye."""
-
-NEAR = 0.002
-"""Near plane, in diagonals of the scene."""
 
 OUTSIDE, AWAY, FIELD_DEG = 24, 1.2, 60.0
 """Eyes around an object whose capture positions are unknown, their distance in its diagonals, and their
@@ -107,7 +105,7 @@ def floaters(splats: Splats, scene: Scene) -> Indices:
     loose = np.isfinite(away) & (apart > reach + thick)
     loose &= eyes.within | _inside(scene, back, means[rows])
     loose[loose] = _alone(means[rows], rows[loose], rows, reach[loose])
-    return _covered(splats, rows[loose], sees[:, loose], eyes, NEAR * _length(scene, back))
+    return _covered(splats, rows[loose], sees[:, loose], eyes, NEAR_DIAGONAL * _length(scene, back))
 
 
 def _inside(scene: Scene, back: NDArray[np.float64], points: Points) -> Mask:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from splat2mesh.base.arrays import Floats, Radiance
 from splat2mesh.base.errors import InputError
-from splat2mesh.scene.color import srgb_from_linear
+from splat2mesh.scene.color import BLACK, srgb_from_linear
 from splat2mesh.splats.splats import SH_C0
 
 from ..light.tonemap import SHOULDER_START
@@ -34,7 +34,6 @@ BURNING = 0.926
 """Linear value above which the colour of a Gaussian itself is rolled off: to that the light ratio brings what calls for
 1, so that nothing is compressed twice."""
 
-DARKEST = 1e-4  # a captured linear colour below a third of an sRGB byte carries no information on non-diffuse light
 _LEAST_ROOM = 1e-3  # what was captured white stays white
 
 
@@ -90,7 +89,7 @@ def log_gain(
     shown, start = ratio * captured, np.maximum(SHOULDER_START, captured)
     room = np.maximum(1.0 - start, _LEAST_ROOM)
     rolled = start - room * np.expm1(-np.maximum(shown - start, 0.0) / room)
-    ratio = np.where(shown > start, rolled / np.maximum(captured, DARKEST), ratio)
+    ratio = np.where(shown > start, rolled / np.maximum(captured, BLACK), ratio)
     logs = np.log(np.clip(ratio, LEAST, MOST)) / CURVE_POWER
     mean = shares @ logs / shares.sum() if mean is None else mean
     return logs.astype(np.float32), mean.astype(np.float32)
@@ -162,7 +161,7 @@ def _linear(shown: Floats) -> Floats:
 
 def _excess(captured: Radiance, before: Radiance) -> Floats:
     """Share (V, 3) of a captured colour that exceeds what arrived."""
-    return np.where(captured > DARKEST, np.maximum(captured - before, 0.0) / np.maximum(captured, DARKEST), 0.0)
+    return np.where(captured > BLACK, np.maximum(captured - before, 0.0) / np.maximum(captured, BLACK), 0.0)
 
 
 def _checked(values: ArrayLike, name: str) -> NDArray[np.float64]:

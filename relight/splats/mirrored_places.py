@@ -9,14 +9,14 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Floats, Indices, Mask
 from splat2mesh.base.errors import InputError
-from splat2mesh.scene.color import linear_from_srgb
+from splat2mesh.scene.color import BLACK, linear_from_srgb
 from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.splats import SH_C0, Splats
 
 from ..albedo.seen import standing
 from .attachment import Places, Surface
 from .floor_mirror import LEVEL, FloorMirror
-from .light_ratio import CURVE_POWER, DARKEST
+from .light_ratio import CURVE_POWER
 
 LEAST_SHARE = 0.05
 """Part of a pixel that the mirror world gives, from which the pixel does not show the light of the mesh."""
@@ -70,7 +70,7 @@ class MirroredPlaces:
         self._covered = np.flatnonzero(gap < margin)
         self._standing = Places(self._floor.surface, _moved(some, seen).take(self._covered))
         color = linear_from_srgb(np.clip(np.float32(0.5) + np.float32(SH_C0) * some.sh[:, 0], 0.0, 1.0))
-        self.own = np.clip(mirror.own / np.maximum(color, DARKEST), 0.0, 1.0).astype(np.float32)
+        self.own = np.clip(mirror.own / np.maximum(color, BLACK), 0.0, 1.0).astype(np.float32)
 
     def log_gains(self, of_nodes: Floats, nearest: Floats) -> NDArray[np.float32]:
         """Log gain (M, 3) float32 of the Gaussians, of that of the surface's nodes: the floor's own part follows the

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.outputs import staged_file
+from splat2mesh.base.threads import ROWS_AT_ONCE
 from splat2mesh.splats.formats.encoding import logit
 from splat2mesh.splats.formats.inria import header_of, is_double, properties_of, rest_columns, row_type, write_inria_ply
 from splat2mesh.splats.formats.ply import Ply
@@ -32,7 +33,6 @@ _KEPT = (
     "rot_2",
     "rot_3",
 )
-_BLOCK = 8192
 
 
 HIDDEN = -15.0
@@ -69,18 +69,18 @@ def write_relit_ply(
         given |= {"opacity": logit(splats.opacities).astype(np.float32)}
     with staged_file(path) as staging, open(staging, "wb") as file:
         file.write(header_of(len(splats), names, splats.facts, double))
-        for start in range(0, len(rows), _BLOCK):
-            block = np.array(rows[start : start + _BLOCK])
+        for start in range(0, len(rows), ROWS_AT_ONCE):
+            block = np.array(rows[start : start + ROWS_AT_ONCE])
             columns = block.dtype.names or ()
             packed = np.zeros(len(block), row_type(names, double))
             for name in names:
                 if name in given:
-                    packed[name] = given[name][start : start + _BLOCK]
+                    packed[name] = given[name][start : start + ROWS_AT_ONCE]
                 elif name in columns:
                     packed[name] = block[name]
-            packed["opacity"][splats.opacities[start : start + _BLOCK] == 0.0] = HIDDEN
+            packed["opacity"][splats.opacities[start : start + ROWS_AT_ONCE] == 0.0] = HIDDEN
             if "scale_2" not in columns:  # a 2DGS file: as thick as its splats were read
-                packed["scale_2"] = _log(splats.scales[start : start + _BLOCK, 2])
+                packed["scale_2"] = _log(splats.scales[start : start + ROWS_AT_ONCE, 2])
             file.write(packed.tobytes())
 
 

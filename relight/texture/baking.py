@@ -11,10 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 from splat2mesh.base.arrays import ColorsSrgb, Radiance
 from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.base.progress import Stages
+from splat2mesh.base.threads import ROWS_AT_ONCE
 from splat2mesh.scene.color import bytes_from_unit, linear_from_srgb, srgb_from_linear
 from splat2mesh.splats.cleaning import clean
 from splat2mesh.texture.atlas import Atlas
-from splat2mesh.texture.fill import filled
 from splat2mesh.texture.looks import looks_from, looks_of
 from splat2mesh.texture.texture import texture_of
 
@@ -24,9 +24,6 @@ if TYPE_CHECKING:
     from splat2mesh.render.view import View
     from splat2mesh.scene.scene import Scene
     from splat2mesh.splats.splats import Splats
-
-BATCH = 1 << 20
-"""Texels that are lit at once."""
 
 _ATLAS = tuple(each.name for each in fields(Atlas))
 
@@ -63,8 +60,8 @@ class Baked:
             for given, name in ((known.irradiance, "irradiance"), (known.albedo, "albedo"))
         )
         found = np.empty((len(captured), 3), np.float16)
-        for start in range(0, len(captured), BATCH):
-            rows = slice(start, start + BATCH)
+        for start in range(0, len(captured), ROWS_AT_ONCE):
+            rows = slice(start, start + ROWS_AT_ONCE)
             part = linear_from_srgb(captured[rows] / np.float32(255.0))
             if albedo is not None:
                 part = atlas.interpolate(albedo, rows)
@@ -98,13 +95,13 @@ class Baked:
         if irradiance is not None:
             irradiance = _per_vertex(irradiance, self.atlas, "irradiance")
         colors = np.empty((len(self.albedo), 3), np.uint8)
-        for start in range(0, len(colors), BATCH):
-            rows = slice(start, start + BATCH)
+        for start in range(0, len(colors), ROWS_AT_ONCE):
+            rows = slice(start, start + ROWS_AT_ONCE)
             shown: Any = self.albedo[rows].astype(np.float32)
             if irradiance is not None:
                 shown = self.albedo[rows] * (self.atlas.interpolate(irradiance, rows) * np.float32(exposure))
             colors[rows] = bytes_from_unit(srgb_from_linear(np.clip(shown, 0.0, 1.0)))
-        return filled(self.atlas.size, self.atlas.texels, colors)
+        return self.atlas.image(colors)
 
 
 def bake(

@@ -11,13 +11,10 @@ from numpy.typing import NDArray
 from splat2mesh.base.arrays import Indices, Integers, Mask, Points
 from splat2mesh.base.distinct import distinct
 from splat2mesh.base.errors import InputError
-from splat2mesh.base.kernels import kernel
 from splat2mesh.render.raycaster import RayCaster
 
 from . import sampling
-from .borders import inward_of_borders
-from .neighbors import ranked_nodes
-from .occluder import EDGE_OFFSET, MAX_OFFSET, MIN_OFFSET, MIN_OPENNESS, Frame
+from .occluder import MIN_OFFSET, Frame, places_of, stood_off
 from .reach import Beams, Box, Hemisphere, blocked
 from .rings import Rings
 from .visibility import BATCH_RAYS
@@ -112,10 +109,9 @@ class Body:
         self.poses += 1
         joined = self._joined and not self._torn()
         if not joined:
-            self._find_places()
-        self.origins = np.zeros_like(unit)
+            self._places = places_of(unit, normals)
         least = MIN_OFFSET * max(1.0, float(np.abs(unit).max(initial=0.0)))
-        _stand_off(unit, normals, self.faces, self._place, self._distinct, least, rounding, self.origins)
+        self.origins = stood_off(unit, normals, self.faces, self._places, least, rounding)
         if not joined:
             self._join()
         if len(self.faces):
@@ -150,13 +146,6 @@ class Body:
             sampling.gather(shot, stopped, normals[part], model, rest)
             self.model[part], self.rest[part] = model, rest
 
-    def _find_places(self) -> None:
-        """Which vertices share a position, and one for each normal that there is at it."""
-        order, new_node, new_place = ranked_nodes(self.unit, self.normals)
-        self._place = np.zeros(len(order), np.int64)
-        self._place[order] = np.cumsum(new_place) - 1
-        self._distinct = order[new_node]
-
     def _join(self) -> None:
         """Find the nodes and their neighbours in the current pose."""
         self.rings = Rings(self.origins, self.normals, self.faces, self.ranks)
@@ -171,46 +160,3 @@ class Body:
         """Whether vertices that were one are no longer."""
         copies, first = self._copies
         return (self.unit[copies] != self.unit[first]).any() or (self.normals[copies] != self.normals[first]).any()
-
-
-@kernel
-def _stand_off(
-    vertices: NDArray[np.float32],
-    normals: NDArray[np.float32],
-    faces: Integers,
-    place: Indices,
-    distinct: Indices,
-    least: float,
-    rounding: float,
-    origins: NDArray[np.float32],
-) -> None:
-    """Ray origins off the surface: as `occluder._origins`, for known places (V,) and one vertex for each normal there.
-
-    least: offset that the coordinates need to be distinct. rounding: of the coordinates as they came.
-    """
-    count = place.max() + 1 if len(place) else 0
-    common, shortest = np.zeros((count, 3), np.float32), np.full(count, np.inf)
-    for v in distinct:
-        for axis in range(3):
-            common[place[v], axis] += normals[v, axis]
-    for p in range(count):
-        x, y, z = common[p]
-        length = np.float32(max(np.sqrt(x * x + y * y + z * z), np.float32(1e-12)))
-        common[p, 0], common[p, 1], common[p, 2] = x / length, y / length, z / length
-    for f in range(len(faces)):
-        for c in range(3):
-            i, j = faces[f, c], faces[f, c - 1]
-            x, y, z = vertices[i, 0] - vertices[j, 0], vertices[i, 1] - vertices[j, 1], vertices[i, 2] - vertices[j, 2]
-            length = np.sqrt(x * x + y * y + z * z)
-            if length > 0:
-                shortest[place[i]] = min(shortest[place[i]], np.float64(length))
-                shortest[place[j]] = min(shortest[place[j]], np.float64(length))
-    inward, little = inward_of_borders(vertices, normals, faces, place, distinct), max(least, rounding)
-    for v in range(len(vertices)):
-        p = place[v]
-        open_by = common[p, 0] * normals[v, 0] + common[p, 1] * normals[v, 1] + common[p, 2] * normals[v, 2]
-        offset = max(min(max(EDGE_OFFSET * shortest[p], least), MAX_OFFSET), rounding)
-        for axis in range(3):
-            step = common[p, axis] if open_by > MIN_OPENNESS else normals[v, axis]
-            along = little * np.float64(inward[v, axis])
-            origins[v, axis] = np.float64(vertices[v, axis]) + offset * np.float64(step) + along

@@ -38,9 +38,6 @@ PILOTS = 4
 BLOCK = 64
 """Vertices that share pilots. With 128, parallax shifts more edges, and 6 to 18% more is traced."""
 
-LEAST_PILOTS = 4
-"""Pilots in a cell and around it that make agreement."""
-
 OPEN, HIDDEN, UNSURE = np.uint8(0), np.uint8(1), np.uint8(2)
 """What a block knows of a cell of directions."""
 
@@ -172,7 +169,7 @@ def _agree(
             for n in range(9):
                 every += pilots[around[c, n]]
                 some += hidden[around[c, n]]
-            if every < LEAST_PILOTS or 0 < some < every:
+            if every < PILOTS or 0 < some < every:
                 known[b, c] = UNSURE
             else:
                 known[b, c] = HIDDEN if some else OPEN

@@ -2,17 +2,14 @@
 reach."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Indices
-from splat2mesh.base.kernels import kernel
-from splat2mesh.base.threads import in_slices
 
 from ..light.suns import Suns
 from .bodies import Sight
 from .dynamic import DynamicTransfer
 from .reach import Beams
-from .sunlight import shining
+from .sunlight import cosines, shining
 
 
 class DynamicSunlight:
@@ -52,35 +49,11 @@ class DynamicSunlight:
             radiance = np.zeros((len(changed), 3), np.float32)
             hidden = sight.hidden(nodes)
             sight.summed_up(nodes, hidden)
-            lights = self._directions, self._weights
-            in_slices(_sum, len(nodes), nodes, body.node_normals, *lights, hidden, radiance)
+            cosine = cosines(body.node_normals[nodes], self._directions)
+            cosine[np.unpackbits(hidden, axis=1, count=len(self._directions)).astype(bool)] = 0.0
+            radiance[nodes] = np.einsum("vs,sc->vc", cosine.astype(np.float64), self._weights)
             own = np.flatnonzero(changed[body.rings.node])
             self.radiance[body.rows[own]] = radiance[body.rings.node[own]]
             rows.append(body.rows[own])
         self._poses = {body.number: body.poses for body in bodies}
         return np.sort(np.concatenate(rows))
-
-
-@kernel
-def _sum(
-    begin: int,
-    end: int,
-    nodes: NDArray[np.int64],
-    normals: NDArray[np.float32],
-    directions: NDArray[np.float32],
-    weights: NDArray[np.float64],
-    hidden: NDArray[np.uint8],
-    radiance: NDArray[np.float32],
-) -> None:
-    """Sums as in `sunlight._sum`, over the suns as they stand."""
-    for row in range(begin, end):
-        nx, ny, nz = normals[nodes[row]]
-        red, green, blue = 0.0, 0.0, 0.0
-        for s in range(len(directions)):
-            cosine = nx * directions[s, 0] + ny * directions[s, 1] + nz * directions[s, 2]
-            if cosine > np.float32(0) and not hidden[row, s >> 3] & (np.uint8(128) >> np.uint8(s & 7)):
-                red += weights[s, 0] * np.float64(cosine)
-                green += weights[s, 1] * np.float64(cosine)
-                blue += weights[s, 2] * np.float64(cosine)
-        out = nodes[row]
-        radiance[out, 0], radiance[out, 1], radiance[out, 2] = red, green, blue

@@ -15,6 +15,7 @@ from splat2mesh.base.kernels import kernel
 from splat2mesh.base.threads import in_slices
 
 from ..sh import harmonics
+from . import FEW_BANDS
 from .lobes import add_lobes, squared_lobe
 from .neighbors import Neighbors, Rows
 from .sampling import legendre_factors
@@ -31,9 +32,6 @@ to 20 B rays, then falling with the square root of the rays: for a coarse mesh i
 
 FLOOR = np.float32(0.01)
 """Least f (1 - f) assumed: a shadow of less than a ray or two cannot be distinguished from none."""
-
-GUIDE_BANDS = 3
-"""Degrees below this are compared; more cost time, and find the same shadows."""
 
 TWO_STEPS_RAYS = 8
 MAX_RAYS = 512
@@ -62,7 +60,7 @@ def average(
     Where all nodes of a ring see everything, or nothing, not a bit changes. Sums run over sorted rows: the result
     does not depend on the order of vertices or faces, nor on the number of threads.
     """
-    count, bands = len(model), min(GUIDE_BANDS, math.isqrt(rest.shape[1]))
+    count, bands = len(model), min(FEW_BANDS, math.isqrt(rest.shape[1]))
     noise = NOISE * rays**NOISE_POWER * bands**2  # variance of all that is compared, except for f (1 - f)
     strict = min(1.0, STRICT_RAYS * math.isqrt(rest.shape[1]) / rays) ** 0.5
     accepted = np.float32(noise * TOLERANCE * strict)

@@ -5,9 +5,10 @@ of each other, and of everything one edge away from any of them (seams of textur
 through space by their own bits, so nothing here depends on the order of vertices or faces.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Floats, Integers, Mask, Points
@@ -21,7 +22,6 @@ MIN_COSINE = np.float32(0.5)
 """Normals further apart than 60 degrees are no neighbours at all: the faces of a box stay apart exactly."""
 
 _CELLS = np.float32(2**20)  # of the space-filling curve along the unit frame: 60 bits in all
-_SHORT_ROW = 32  # an insertion sort is quicker up to here
 
 
 class Neighbors:
@@ -39,6 +39,7 @@ class Neighbors:
         normals: NDArray[np.float32],  # (V, 3) float32, unit
         faces: Integers,  # (F, 3) integers; faces of no area and faces given twice do no harm
         ranked: tuple[NDArray[np.int64], Mask, Mask] | None = None,  # of `ranked_nodes`, in this pose or another
+        every: bool = False,  # whether pairs whose normals are too far apart stay, with weight 0
     ) -> None:
         order, new_node, new_place = ranked_nodes(origins, normals) if ranked is None else ranked
         node_ranked = np.cumsum(new_node) - 1
@@ -47,20 +48,24 @@ class Neighbors:
         self.node[order] = node_ranked
         first = np.append(np.flatnonzero(new_place[new_node]), len(self.vertices))  # node of each place, and an end
         place = (np.cumsum(new_place[new_node]) - 1).astype(np.int32)  # of each node
-        corners = place[self.node][faces].astype(np.int32)
-        starts, columns = _rings(len(first) - 1, np.ascontiguousarray(corners))
-        counts = np.zeros(len(first) - 1, np.int64)
-        in_slices(_sort_rows, len(counts), starts, columns, counts)
-        self._expand(np.ascontiguousarray(normals[self.vertices]), place, first, starts, columns, counts)
+        rows = _nodes_beside(place[self.node][faces], first)
+        self.starts, self.columns = rows.indptr.astype(np.int64), rows.indices.astype(np.int32)
+        self.weights = np.zeros(len(self.columns), np.float32)
+        self.bend(np.ascontiguousarray(normals[self.vertices]))
+        if not every:
+            kept = self.weights > 0.0
+            self.starts = np.append(0, np.cumsum(kept))[self.starts]
+            self.columns, self.weights = self.columns[kept], self.weights[kept]
 
-    def _expand(self, normals: NDArray[np.float32], *places: NDArray[Any]) -> None:
-        """From places beside places, as `_node_rows` takes them, to nodes beside nodes."""
-        used, nothing = np.zeros(len(normals) + 1, np.int64), np.zeros(0, np.int32)
-        in_slices(_node_rows, len(normals), normals, *places, used[1:], nothing, np.zeros(0, np.float32))
-        self.starts = np.cumsum(used)
-        self.columns = np.zeros(self.starts[-1], np.int32)
-        self.weights = np.zeros(self.starts[-1], np.float32)
-        in_slices(_node_rows, len(normals), normals, *places, self.starts[:-1], self.columns, self.weights)
+    def bend(self, normals: NDArray[np.float32]) -> None:
+        """Set the weights for unit normals of the nodes, (N, 3) float32."""
+        in_slices(_weights, len(normals), self.starts, self.columns, normals, self.weights)
+
+    @property
+    def matrix(self) -> "scipy.sparse.csr_array":
+        """The rows as a sparse matrix of weights, (N, N)."""
+        count = len(self.starts) - 1
+        return scipy.sparse.csr_array((self.weights, self.columns, self.starts), (count, count))
 
 
 class Rows(NamedTuple):
@@ -119,89 +124,36 @@ def _curve_keys(begin: int, end: int, origins: Floats, keys: NDArray[np.uint64])
         keys[v] = key
 
 
-@kernel
-def _rings(count: int, corners: NDArray[np.int32]) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
-    """The other two corners of every face at every place: sparse rows, unsorted, with repetitions."""
-    starts = np.zeros(count + 2, np.int64)
-    for f in range(len(corners)):
-        for c in range(3):
-            starts[corners[f, c] + 2] += 2
-    for p in range(count):
-        starts[p + 2] += starts[p + 1]
-    columns = np.zeros(6 * len(corners), np.int32)
-    for f in range(len(corners)):
-        for c in range(3):
-            at = starts[corners[f, c] + 1]
-            columns[at], columns[at + 1] = corners[f, c - 1], corners[f, c - 2]
-            starts[corners[f, c] + 1] = at + 2
-    return starts[:-1], columns
+def _nodes_beside(corners: Integers, first: Integers) -> "scipy.sparse.csr_array":
+    """Which nodes are neighbours, (N, N), no node its own. corners: (F, 3), places of faces. first: (P + 1,), the node
+    that each place begins with, and an end."""
+    count = len(first) - 1
+    ends = corners[:, [0, 1, 2, 1, 2, 0]].ravel(), corners[:, [1, 2, 0, 0, 1, 2]].ravel()
+    rows = scipy.sparse.coo_array((np.ones(len(ends[0]), bool), ends), (count, count)).tocsr()
+    if first[-1] > count:
+        nodes = np.arange(first[-1])
+        held = scipy.sparse.csr_array((np.ones(len(nodes), bool), nodes, first), (count, len(nodes)))
+        rows = held.T @ (rows + scipy.sparse.eye_array(count, dtype=bool)) @ held
+    rows = rows.tocsr()
+    rows.setdiag(False)
+    rows.eliminate_zeros()
+    rows.sort_indices()
+    return rows
 
 
 @kernel
-def _sort_rows(
-    begin: int, end: int, starts: NDArray[np.int64], columns: NDArray[np.int32], counts: NDArray[np.int64]
-) -> None:
-    """Sort each row in place and drop repetitions and the place itself; what remains is counted."""
-    for p in range(begin, end):
-        row = columns[starts[p] : starts[p + 1]]
-        gap = 1  # by insertion; long rows by gaps first (Shell, 1959), which compiles in a tenth of the time of `sort`
-        while gap < len(row) // _SHORT_ROW:
-            gap = 3 * gap + 1
-        while gap > 0:
-            for i in range(gap, len(row)):
-                value, at = row[i], i
-                while at >= gap and row[at - gap] > value:
-                    row[at] = row[at - gap]
-                    at -= gap
-                row[at] = value
-            gap //= 3
-        kept = 0
-        for i in range(len(row)):
-            if row[i] != p and (kept == 0 or row[i] != row[kept - 1]):
-                row[kept] = row[i]
-                kept += 1
-        counts[p] = kept
-
-
-@kernel
-def _node_rows(
+def _weights(
     begin: int,
     end: int,
-    normals: NDArray[np.float32],
-    place: NDArray[np.int32],
-    first: NDArray[np.int64],
     starts: NDArray[np.int64],
     columns: NDArray[np.int32],
-    counts: NDArray[np.int64],
-    ends: NDArray[np.int64],
-    out_columns: NDArray[np.int32],
-    out_weights: NDArray[np.float32],
+    normals: NDArray[np.float32],
+    weights: NDArray[np.float32],
 ) -> None:
-    """Count the neighbours of every node into `ends` or, given arrays to fill, write them from `ends` on."""
-    fill = len(out_columns) > 0
     for i in range(begin, end):
-        at = ends[i] if fill else 0
-        here = place[i]
-        # The nodes at this place belong between the neighbours below and above it: rows stay sorted.
-        own_done = False
-        for n in range(counts[here] + 1):
-            other = columns[starts[here] + n] if n < counts[here] else np.int32(2**31 - 1)
-            for turn in range(2):
-                p = other
-                if turn == 0:
-                    if own_done or other < here:
-                        continue
-                    p, own_done = here, True
-                elif n == counts[here]:
-                    continue
-                for j in range(first[p], first[p + 1]):
-                    cosine = (
-                        normals[i, 0] * normals[j, 0] + normals[i, 1] * normals[j, 1] + normals[i, 2] * normals[j, 2]
-                    )
-                    if j != i and cosine > MIN_COSINE:
-                        if fill:
-                            out_columns[at] = j
-                            out_weights[at] = np.exp(SHARPNESS * min(cosine - np.float32(1), np.float32(0)))
-                        at += 1
-        if not fill:
-            ends[i] = at
+        for at in range(starts[i], starts[i + 1]):
+            j = columns[at]
+            cosine = normals[i, 0] * normals[j, 0] + normals[i, 1] * normals[j, 1] + normals[i, 2] * normals[j, 2]
+            weights[at] = np.float32(0)
+            if cosine > MIN_COSINE:
+                weights[at] = np.exp(SHARPNESS * min(cosine - np.float32(1), np.float32(0)))

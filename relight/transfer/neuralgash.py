@@ -17,12 +17,13 @@ from splat2mesh.base.threads import in_order
 
 from ..sh import cga
 from ..sh.normals import unit_normals
+from . import FEW_BANDS
 from .checks import check_shape, check_vertices
 from .sessions import open_session, workers_of
 
 MODEL = "neural-gash"
 
-BANDS = 3
+BANDS = FEW_BANDS
 
 COLORS = 3
 

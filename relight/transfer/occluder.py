@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from splat2mesh.base.arrays import Integers, Mask, Points, Rays
+from splat2mesh.base.arrays import Indices, Integers, Mask, Points, Rays
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.kernels import kernel
 from splat2mesh.base.threads import read_only
@@ -136,20 +136,37 @@ def _origins(
     At the border of a patch it goes inward by as little as counts: what the patch ends at may have no vertex there.
     Any other vertex that lies exactly in a face is taken to be behind it, that is dark.
     """
-    order, distinct, new_position = ranked_nodes(np.ascontiguousarray(vertices), normals)
-    normal = normals[order]
-    group = np.zeros(len(vertices), np.int64)
-    group[order] = np.cumsum(new_position) - 1
-    common = np.add.reduceat(np.where(distinct[:, None], normal, 0.0), np.flatnonzero(new_position), axis=0)
+    group, distinct = places_of(np.ascontiguousarray(vertices), normals)
+    return stood_off(vertices, normals, faces, (group, distinct), MIN_OFFSET, rounding)
+
+
+def places_of(vertices: NDArray[np.float32], normals: NDArray[np.float32]) -> tuple[Indices, Indices]:
+    """Which vertices share a position, (V,) from 0, and one vertex for each normal there, position after position."""
+    order, new_node, new_place = ranked_nodes(vertices, normals)
+    group = np.zeros(len(order), np.int64)
+    group[order] = np.cumsum(new_place) - 1
+    return group, order[new_node]
+
+
+def stood_off(
+    vertices: NDArray[np.float32],
+    normals: NDArray[np.float32],
+    faces: Integers,
+    places: tuple[Indices, Indices],  # of `places_of`, in this pose or another
+    least: float,  # offset that the coordinates need to be distinct
+    rounding: float,  # of the coordinates as they came
+) -> NDArray[np.float32]:
+    """The ray origins of `_origins`, for known places."""
+    (group, distinct), faces = places, read_only(faces, np.int32)
+    starts = np.flatnonzero(np.diff(group[distinct], prepend=-1))
+    common = np.add.reduceat(normals[distinct], starts, axis=0) if len(starts) else np.zeros((0, 3), np.float32)
     common /= np.maximum(np.linalg.norm(common, axis=1, keepdims=True), 1e-12)
     step = np.where((common[group] * normals).sum(axis=1, keepdims=True) > MIN_OPENNESS, common[group], normals)
-
     shortest = np.full(len(common), np.inf)
-    faces = read_only(faces, np.int32)
     _shorten(vertices, faces, group, shortest)
-    offset = np.maximum(np.clip(EDGE_OFFSET * shortest, MIN_OFFSET, MAX_OFFSET), rounding)[group]
-    inward = inward_of_borders(vertices, normals, faces, group, order[distinct])
-    return (vertices + offset[:, None] * step + max(MIN_OFFSET, rounding) * inward).astype(np.float32)
+    offset = np.maximum(np.clip(EDGE_OFFSET * shortest, least, MAX_OFFSET), rounding)[group]
+    inward = inward_of_borders(vertices, normals, faces, group, distinct)
+    return (vertices + offset[:, None] * step + max(least, rounding) * inward).astype(np.float32)
 
 
 @kernel

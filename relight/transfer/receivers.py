@@ -9,12 +9,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Mask
 from splat2mesh.base.errors import InputError
-from splat2mesh.base.kernels import kernel
-from splat2mesh.base.threads import in_slices
 
 from .neighbors import Neighbors
 from .occluder import Occluder
@@ -63,18 +62,16 @@ class Receivers:
         traced = np.bincount(node, shown, count) > 0
         others = np.flatnonzero(~traced)
         traced[others[::SPARSE]] = True
-        reached, rings = traced.copy(), []
+        reached, rings, matrix = traced.copy(), [], neighbors.matrix
         for _ in range(RINGS):
-            taken = np.zeros(count, np.int64)
-            in_slices(_count, count, neighbors.starts, neighbors.columns, reached, taken)
-            nodes = np.flatnonzero(taken)
+            nodes = np.flatnonzero(~reached)
+            rows = matrix[nodes].multiply(reached).tocsr()
+            rows.eliminate_zeros()
+            nodes, rows = nodes[np.diff(rows.indptr) > 0], rows[np.diff(rows.indptr) > 0]
             if not len(nodes):
                 break
-            starts = np.append(0, np.cumsum(taken[nodes]))
-            columns, weights = np.zeros(starts[-1], np.int32), np.zeros(starts[-1], np.float32)
-            rows = neighbors.starts, neighbors.columns, neighbors.weights
-            in_slices(_take, len(nodes), nodes, *rows, reached, starts, columns, weights)
-            rings.append((nodes, starts, columns, weights))
+            weights = rows.data / np.repeat(rows.sum(axis=1), np.diff(rows.indptr))
+            rings.append((nodes, rows.indptr.astype(np.int64), rows.indices, weights.astype(np.float32)))
             reached[nodes] = True
         traced |= ~reached
         # What was nodes is vertices from here on: one stands for each node, and its copies take their light from it.
@@ -116,7 +113,8 @@ class Receivers:
     def filled(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
         """Values (V, C) float32 of which the traced rows are given, with all others filled in place."""
         for nodes, starts, columns, weights in self._rings:
-            in_slices(_fill, len(nodes), nodes, starts, columns, weights, values)
+            rows = scipy.sparse.csr_array((weights, columns, starts), (len(nodes), len(values)))
+            values[nodes] = rows @ values
         return values
 
 
@@ -137,56 +135,3 @@ def _kept_ring(arrays: Mapping[str, NDArray[Any]], number: int, count: int) -> R
     if not (np.isfinite(weights).all() and (weights > 0.0).all()):
         raise InputError("kept receivers are not finite")
     return nodes, starts, columns, weights
-
-
-@kernel
-def _count(
-    begin: int, end: int, starts: NDArray[np.int64], columns: NDArray[np.int32], reached: Mask, taken: NDArray[np.int64]
-) -> None:
-    """Most neighbours that an unreached node takes its light from."""
-    for i in range(begin, end):
-        if not reached[i]:
-            for at in range(starts[i], starts[i + 1]):
-                taken[i] += reached[columns[at]]
-
-
-@kernel
-def _take(
-    begin: int,
-    end: int,
-    nodes: NDArray[np.int64],
-    starts: NDArray[np.int64],
-    columns: NDArray[np.int32],
-    weights: NDArray[np.float32],
-    reached: Mask,
-    out_starts: NDArray[np.int64],
-    out_columns: NDArray[np.int32],
-    out_weights: NDArray[np.float32],
-) -> None:
-    for n in range(begin, end):
-        at, total = out_starts[n], np.float32(0)
-        for i in range(starts[nodes[n]], starts[nodes[n] + 1]):
-            if reached[columns[i]]:
-                out_columns[at], out_weights[at] = columns[i], weights[i]
-                total += weights[i]
-                at += 1
-        for i in range(out_starts[n], at):
-            out_weights[i] /= total
-
-
-@kernel
-def _fill(
-    begin: int,
-    end: int,
-    nodes: NDArray[np.int64],
-    starts: NDArray[np.int64],
-    columns: NDArray[np.int32],
-    weights: NDArray[np.float32],
-    values: NDArray[np.float32],
-) -> None:
-    for n in range(begin, end):
-        row = values[nodes[n]]
-        row[:] = np.float32(0)
-        for at in range(starts[n], starts[n + 1]):
-            for c in range(values.shape[1]):
-                row[c] += weights[at] * values[columns[at], c]

@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Indices, Mask
 from splat2mesh.base.kernels import kernel
+from splat2mesh.base.sphere import GOLDEN_TURN
 from splat2mesh.base.threads import in_slices
-
-GOLDEN_TURN = 0.6180339887498949  # of a full turn, between successive points of the Fibonacci set
 
 RIDGE_NORMAL, RIDGE_TANGENT = np.float32(0.01), np.float32(0.1)
 """Added to the second moments of d along the normal (1/18 about its mean) and across it (1/4) in the fit of b.

@@ -3,11 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from splat2mesh.base.arrays import Indices, Mask
+from splat2mesh.base.arrays import Indices
 from splat2mesh.base.errors import InputError
-from splat2mesh.base.kernels import kernel
 from splat2mesh.base.progress import Advance
-from splat2mesh.base.threads import in_slices
 
 from ..light.suns import Suns
 from .neighbors import along_curve
@@ -36,17 +34,14 @@ def sunlight(
     batch = max(1, BATCH_RAYS // max(1, len(directions)))
     for start in range(0, len(origins), batch):
         part = slice(start, start + batch)
-        count = len(normals[part])
-        ends = np.zeros(count + 1, np.int64)
-        in_slices(_count, count, normals[part], directions, ends)
-        np.cumsum(ends, out=ends)
-        rays = np.zeros((ends[-1], 6), np.float32)
-        sun = np.zeros(ends[-1], np.int32)
-        in_slices(_aim, count, origins[part], normals[part], directions, ends, rays, sun)
-        if len(rays):
+        cosine = cosines(normals[part], directions)
+        vertex, sun = np.nonzero(cosine > 0.0)
+        if len(vertex):
+            rays = np.concatenate([origins[part].take(vertex, axis=0), directions.take(sun, axis=0)], axis=1)
             hidden = occluder.occluded(rays)
-            in_slices(_sum, count, normals[part], weights, ends, rays, sun, hidden, ordered[part])
-        advance(count)
+            cosine[vertex[hidden], sun[hidden]] = 0.0
+            ordered[part] = np.einsum("vs,sc->vc", cosine.astype(np.float64), weights)
+        advance(len(cosine))
     radiance = np.empty_like(ordered)
     radiance[order] = ordered
     return radiance
@@ -66,61 +61,9 @@ def shining(suns: Suns) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
     return directions, np.ascontiguousarray(suns.weights[lit] / np.pi, np.float64)
 
 
-@kernel
-def _count(
-    begin: int, end: int, normals: NDArray[np.float32], directions: NDArray[np.float32], ends: NDArray[np.int64]
-) -> None:
-    """Number of suns before each vertex v, into ends[v + 1]."""
-    for v in range(begin, end):
-        nx, ny, nz = normals[v]
-        before = 0
-        for s in range(len(directions)):
-            before += nx * directions[s, 0] + ny * directions[s, 1] + nz * directions[s, 2] > np.float32(0)
-        ends[v + 1] = before
-
-
-@kernel
-def _aim(
-    begin: int,
-    end: int,
-    origins: NDArray[np.float32],
-    normals: NDArray[np.float32],
-    directions: NDArray[np.float32],
-    ends: NDArray[np.int64],
-    rays: NDArray[np.float32],
-    sun: NDArray[np.int32],
-) -> None:
-    for v in range(begin, end):
-        nx, ny, nz = normals[v]
-        ray = ends[v]
-        for s in range(len(directions)):
-            dx, dy, dz = directions[s]
-            if nx * dx + ny * dy + nz * dz > np.float32(0):
-                rays[ray, 0], rays[ray, 1], rays[ray, 2] = origins[v]
-                rays[ray, 3], rays[ray, 4], rays[ray, 5] = dx, dy, dz
-                sun[ray] = s
-                ray += 1
-
-
-@kernel
-def _sum(
-    begin: int,
-    end: int,
-    normals: NDArray[np.float32],
-    weights: NDArray[np.float64],
-    ends: NDArray[np.int64],
-    rays: NDArray[np.float32],
-    sun: NDArray[np.int32],
-    hidden: Mask,
-    radiance: NDArray[np.float32],
-) -> None:
-    for v in range(begin, end):
-        nx, ny, nz = normals[v]
-        red, green, blue = 0.0, 0.0, 0.0
-        for ray in range(ends[v], ends[v + 1]):
-            if not hidden[ray]:
-                cosine = np.float64(nx * rays[ray, 3] + ny * rays[ray, 4] + nz * rays[ray, 5])
-                red += weights[sun[ray], 0] * cosine
-                green += weights[sun[ray], 1] * cosine
-                blue += weights[sun[ray], 2] * cosine
-        radiance[v, 0], radiance[v, 1], radiance[v, 2] = red, green, blue
+def cosines(normals: NDArray[np.float32], directions: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Of the angles between normals (V, 3) and suns (S, 3), (V, S), 0 for suns behind."""
+    found = normals[:, 0, None] * directions[:, 0]
+    for axis in (1, 2):
+        found += normals[:, axis, None] * directions[:, axis]
+    return np.maximum(found, np.float32(0.0), out=found)

@@ -20,7 +20,7 @@ from splat2mesh.base.kernels import kernel
 from splat2mesh.base.sphere import fibonacci_sphere
 from splat2mesh.base.threads import in_slices
 from splat2mesh.scene.leaves import FEW, PROBE, Lattice, throughout
-from splat2mesh.scene.optical_depth import OpticalDepth
+from splat2mesh.scene.optical_depth import MOST, OpticalDepth
 from splat2mesh.scene.scene import Scene
 
 from ..light.suns import Suns
@@ -54,9 +54,6 @@ CLEARANCE = 1.0
 NEAR = 12
 """Cells that a march stays in one grid: then it goes on in the next one, whose cells are twice as wide. What is far off
 is seen as a cone sees it, and a direction stands for many."""
-
-OPAQUE = 8.0
-"""Optical depth at which a march ends: 0.03% of the light is left."""
 
 
 def noise(directions: int) -> float:
@@ -258,7 +255,7 @@ def _through(
             if not (0.0 <= x < nx and 0.0 <= y < ny and 0.0 <= z < nz):
                 break
             passed += depth[start + (int(x) * ny + int(y)) * nz + int(z)]
-            if passed >= OPAQUE:
+            if passed >= MOST:
                 return 0.0
             x, y, z, steps = x + dx, y + dy, z + dz, steps + 1
         gone += steps * cell

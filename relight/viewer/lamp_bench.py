@@ -17,12 +17,10 @@ from numpy.typing import NDArray
 from ..engine.light_mix import LightBeside
 from ..lamps.asked import AskedLamp, resolve
 from ..lamps.photometry import axis_intensity
+from ..live.terms import MOST_LAMPS
 from .lamp_board import BoardLamp, BoardState, LampBoard, without_color
 from .sources import LampSource, LampSum
 from .worker import Superseded, in_words
-
-MOST_ALONE = 32
-"""Lamps with separate terms. Beyond this number, unchanged lamps from the start share one."""
 
 SPARE = 8
 """States and glimpses kept, and terms beside those of the present lamps: 2.4 to 3.6 MB each for 100,000 vertices."""
@@ -166,9 +164,9 @@ class LampBench:
         if bounced is not None and bounced.radiance is not None and bounced.received is not None:
             share = _share(shines, bounced.axis)
             radiance, received = radiance + share * bounced.radiance, received + share * bounced.received
-            _keep(self._bounced, number, bounced, 2 * MOST_ALONE)
+            _keep(self._bounced, number, bounced, 2 * MOST_LAMPS)
         parts = LampSum(radiance, received)
-        _keep(self._parts, number, (asked, term, bounced, parts), 2 * MOST_ALONE)
+        _keep(self._parts, number, (asked, term, bounced, parts), 2 * MOST_LAMPS)
         return parts
 
     def _axis(self, lamps: Sequence[BoardLamp], white: bool = False) -> NDArray[np.float64]:
@@ -180,12 +178,12 @@ class LampBench:
         found = self._axes.get(key)
         if found is None:
             found = axis_intensity(resolve(without_color(asked) if white else asked, self.source.scale()))
-            _keep(self._axes, key, found, 4 * MOST_ALONE)
+            _keep(self._axes, key, found, 4 * MOST_LAMPS)
         return found
 
     def _groups(self, state: BoardState) -> list[list[BoardLamp]]:
         """The lamps that share a term."""
-        if len(state.lamps) <= MOST_ALONE:
+        if len(state.lamps) <= MOST_LAMPS:
             return [[lamp] for lamp in state.lamps]
         untouched = set(self.board.start.lamps)
         rest = [lamp for lamp in state.lamps if lamp in untouched]
@@ -209,7 +207,7 @@ class LampBench:
                 self._terms[each] = self._terms.pop(each)  # drops the oldest first
         _keep(self._terms, _key(lamps), term, len(present) + SPARE)
         if term.radiance is not None:
-            _keep(self._bounced, lamps[0].number, term, 2 * MOST_ALONE)
+            _keep(self._bounced, lamps[0].number, term, 2 * MOST_LAMPS)
 
     def _take_finished(self, state: BoardState, found: tuple[LightBeside, bool]) -> None:
         first = self._finished.pop(self.board.start)

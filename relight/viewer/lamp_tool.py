@@ -24,9 +24,6 @@ if TYPE_CHECKING:
 OFF_M = 0.3
 """Distance of a new lamp from the surface in metres; half of the free distance if that is less than twice this."""
 
-AROUND = 256
-"""Directions of the search for the surface near a lamp."""
-
 COLORS = *TEMPERATURES, "red", "orange", "yellow", "green", "cyan", "blue", "magenta"
 """The cycle of a lamp's colours."""
 
@@ -259,7 +256,7 @@ class LampTool:
 
     def _base(self, at: NDArray[np.float64]) -> tuple[NDArray[np.float64] | None, float]:
         """The nearest surface point to a lamp, and its distance."""
-        ways = fibonacci_sphere(AROUND)
+        ways = fibonacci_sphere()
         rays = np.concatenate([np.broadcast_to(at, ways.shape), ways], axis=1).astype(np.float32)
         distance = self._source.first_hits(rays).distance
         nearest = int(np.argmin(distance))

@@ -17,8 +17,8 @@ from splat2mesh.render.view import View
 from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.harmonics import sh_basis_3dgs
 from splat2mesh.splats.splats import Splats
+from splat2mesh.views.standpoints import NEAR_DIAGONAL
 
-from ..output.picture import NEAR
 from ..splats.blending import Blending, blending_of
 from .camera import Orbit
 
@@ -57,7 +57,7 @@ class SplatPainter:
     def __init__(self, scene: Scene) -> None:
         frame = np.asarray(scene.scene_from_splat, np.float64)
         self._scale = float(np.cbrt(abs(np.linalg.det(frame[:3, :3]))))
-        self._frame, self._near = frame, NEAR * scene.diagonal / self._scale
+        self._frame, self._near = frame, NEAR_DIAGONAL * scene.diagonal / self._scale
         self._seen: _Seen | None = None
 
     def exact(self, splats: Splats, orbit: Orbit, size: tuple[int, int]) -> SplatLayer:

@@ -92,7 +92,7 @@ def _readers():
     }
     for kind in ("ply", "ascii.ply", "compressed.ply", "spz", "sog"):
         found[f"splat.{kind}"] = "gsply", splats.get(kind, gsply.plyread)
-    for kind in ("hdr", "old.hdr"):
+    for kind in ("hdr", "plain.hdr"):
         found[f"light.{kind}"] = "imagecodecs", lambda path: imagecodecs.rgbe_decode(path.read_bytes())
     for kind in ("colmap", "colmap.txt"):
         found[kind] = "pycolmap", read_cameras

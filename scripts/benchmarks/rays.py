@@ -28,6 +28,7 @@ from relight.transfer.filtering import NOISE_POWER, average, steps_for
 from relight.transfer.neighbors import Neighbors
 from relight.transfer.raytraced import BATCH_RAYS, raytraced, raytraced_scene
 from relight.transfer.visibility import Visibility
+from splat2mesh.base import sphere
 
 EVERY = slice(None)
 METHODS = "shared", "plain", "constant", "linear", "scene"
@@ -137,7 +138,7 @@ def shared(occluder, bands, rays):
     """Transfer from one Fibonacci set of 2 R directions over the sphere, and the seconds of its queries."""
     count = 2 * rays
     z = 1.0 - (2.0 * np.arange(count) + 1.0) / count
-    turn = 2.0 * np.pi * sampling.GOLDEN_TURN * np.arange(count)
+    turn = 2.0 * np.pi * sphere.GOLDEN_TURN * np.arange(count)
     flat = np.sqrt(1.0 - z * z)
     directions = np.stack([flat * np.cos(turn), flat * np.sin(turn), z], axis=1).astype(np.float32)
     basis = harmonics.evaluate(directions, bands) * np.float32(4.0 / count)

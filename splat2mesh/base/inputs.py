@@ -21,6 +21,9 @@ from .errors import InputError
 LARGEST_TEXT = 64 << 20
 """Bytes of a JSON file, or a library of materials: the largest known, the tree of a streamed SOG, has 3 MB."""
 
+GIB = 1 << 30
+"""Bytes that a file may take, unpacked or as a picture, where nothing says more."""
+
 FREE = 1 << 20
 """Bytes, or pixels, that any part of a file may take, however small the rest is."""
 

@@ -8,8 +8,17 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+GOLDEN_TURN = 0.6180339887498949
+"""Of a full turn, between successive points of a Fibonacci set."""
 
-def fibonacci_sphere(count: int, first: float = 0.0) -> NDArray[np.float64]:
+EVENLY = 256
+"""Directions that stand for all: 9 degrees apart."""
+
+NO_DIRECTION = 1e-3
+"""Length of a mean of unit vectors below which they cancel."""
+
+
+def fibonacci_sphere(count: int = EVENLY, first: float = 0.0) -> NDArray[np.float64]:
     """Unit directions (N, 3) float64 that share the sphere evenly, from +y to -y.
 
     first: azimuth of the first one, in golden angles, from +x towards +z.

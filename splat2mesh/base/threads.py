@@ -16,6 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
+ROWS_AT_ONCE = 2**16
+"""Rows of arrays that are worked on at once: enough to hide a call of NumPy, and little memory."""
+
 MIN_SHARED = 2048
 """Vertices from which sharing them between cores pays off."""
 

@@ -5,8 +5,9 @@ import subprocess
 import sys
 
 from .errors import InputError
+from .inputs import GIB
 
-FREE_BYTES, BYTES_PER_BYTE = 1 << 30, 32
+FREE_BYTES, BYTES_PER_BYTE = GIB, 32
 """Memory that a file may take to open: so much, and as much for each of its bytes. Arrays unpack to some 4 times."""
 
 FREE_S, BYTES_PER_S = 60.0, 10 << 20
@@ -16,7 +17,7 @@ _TEXT = b"#usda"
 
 _TRIAL = """
 import sys
-from pxr import Tf, Usd, UsdLux
+from pxr import Tf, Usd
 try:
     import resource
     with open("/proc/self/statm") as file:
@@ -27,7 +28,7 @@ except (ImportError, OSError, ValueError):
 try:
     stage = Usd.Stage.Open(sys.argv[1])
     for prim in stage.Traverse(Usd.TraverseInstanceProxies()):
-        if prim.HasAPI(UsdLux.LightAPI) or prim.GetTypeName() == "ParticleField3DGaussianSplat":
+        if prim.GetTypeName() == "ParticleField3DGaussianSplat":
             for attribute in prim.GetAttributes():
                 attribute.Get()
 except Tf.ErrorException as error:

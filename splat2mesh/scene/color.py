@@ -5,6 +5,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+BLACK = 1e-4
+"""Linear light below which a colour is black: a third of a step of a byte. A ratio to it carries no information."""
+
 CLIPPED_SRGB = 0.97
 """Display value from which a photograph may have been clipped: splats ring about 1 by a few steps of a byte."""
 

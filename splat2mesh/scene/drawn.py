@@ -8,14 +8,14 @@ import scipy
 from numpy.typing import NDArray
 
 from ..base.arrays import Floats, Indices
-from .color import linear_from_srgb
+from .color import BLACK, linear_from_srgb
 from .mesh import Mesh
 from .scene import Scene
 
 AROUND = 8
 """Vertices of the hull whose mean light a vertex of a card takes: the normal of a single one is noise."""
 
-DARKEST, MOST_TINT = 1e-3, 8.0
+MOST_TINT = 8.0
 """Least linear colour that a card is compared with, and how many times brighter than the hull around it a card may be:
 where the hull is black, nothing says how much light there is."""
 
@@ -89,4 +89,4 @@ class Drawn:
         """(C, 3) colours of the cards over those of the hull around them, as captured."""
         own = np.concatenate([mesh.colors_srgb for mesh in self._lit.cards]).astype(np.float32) / np.float32(255.0)
         around = self._lit.colors_linear[self._near].mean(axis=1, dtype=np.float32)
-        return np.minimum(linear_from_srgb(own) / np.maximum(around, np.float32(DARKEST)), np.float32(MOST_TINT))
+        return np.minimum(linear_from_srgb(own) / np.maximum(around, np.float32(BLACK)), np.float32(MOST_TINT))

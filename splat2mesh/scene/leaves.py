@@ -8,8 +8,6 @@ import scipy
 from numpy.typing import NDArray
 
 from ..base.arrays import Faces, Floats, Indices, Mask, Points
-from ..base.kernels import kernel
-from ..base.threads import in_slices
 from .optical_depth import OpticalDepth
 
 FEW, MANY = 0.2, 0.5
@@ -137,9 +135,21 @@ class Lattice:
         self._keys, cell, count = np.unique(keys, return_inverse=True, return_counts=True)
         self._cell, self._held = cell, count
         self.points = np.stack([self.means(column)[:, 0] for column in points.T], axis=1)
-        self._columns = np.zeros((len(at), 8), np.int32)
-        self._weights = np.zeros((len(at), 8), np.float32)
-        in_slices(_surround, len(at), at, size, self._keys, cell, self._columns, self._weights)
+        self._columns, self._weights = self._surrounded(at, size, cell)
+
+    def _surrounded(self, at: Points, size: Indices, cell: Indices) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
+        """The probes about each point, (R, 8), at its place in cells, and what they weigh; its own cell's, 0, where
+        there is none."""
+        low = np.floor(at - 0.5)
+        part = at - 0.5 - low
+        columns, weights = np.empty((len(at), 8), np.int32), np.empty((len(at), 8))
+        for corner, step in enumerate(np.ndindex(2, 2, 2)):
+            keys = ((low + step).astype(np.int64) * [size[1] * size[2], size[2], 1]).sum(axis=1)
+            found = np.minimum(np.searchsorted(self._keys, keys), len(self._keys) - 1)
+            there = self._keys[found] == keys
+            columns[:, corner] = np.where(there, found, cell)
+            weights[:, corner] = np.where(there, np.where(step, part, 1.0 - part).prod(axis=1), 0.0)
+        return columns, (weights / weights.sum(axis=1, keepdims=True)).astype(np.float32)
 
     def means(self, values: Floats) -> NDArray[np.float64]:
         """Means of values (R,) of the points by their probes: (P, 1)."""
@@ -152,58 +162,6 @@ class Lattice:
     def interpolate(self, values: Floats, rows: slice | Indices = slice(None)) -> NDArray[np.float32]:
         """(P, C) float32 of probes -> (R, C) float32 of the points, or of some rows of them."""
         columns, weights = self._columns[rows], self._weights[rows]
-        result = np.zeros((len(columns), values.shape[1]), np.float32)
-        in_slices(_interpolate, len(columns), columns, weights, values, result)
-        return result
-
-
-@kernel
-def _surround(
-    begin: int,
-    end: int,
-    at: NDArray[np.float64],
-    size: NDArray[np.int64],
-    keys: NDArray[np.int64],
-    cell: NDArray[np.int64],
-    columns: NDArray[np.int32],
-    weights: NDArray[np.float32],
-) -> None:
-    """The probes about each point, at its place in cells, and what they weigh; its own cell's, 0, where there is none.
-    keys: (P,) of the cells that have a probe, sorted. cell: (R,), the number of each point's own."""
-    shares = np.zeros(8)
-    for r in range(begin, end):
-        x, y, z = at[r, 0] - 0.5, at[r, 1] - 0.5, at[r, 2] - 0.5
-        i, j, k = np.int64(np.floor(x)), np.int64(np.floor(y)), np.int64(np.floor(z))
-        x, y, z = x - i, y - j, z - k
-        for corner in range(8):
-            a, b, c = corner >> 2, corner >> 1 & 1, corner & 1
-            key = ((i + a) * size[1] + j + b) * size[2] + k + c
-            found, above = 0, len(keys) - 1  # the first that is not below it, or the last
-            while found < above:
-                middle = (found + above) >> 1
-                found, above = (middle + 1, above) if keys[middle] < key else (found, middle)
-            there = keys[found] == key
-            columns[r, corner] = found if there else cell[r]
-            shares[corner] = (x if a else 1.0 - x) * (y if b else 1.0 - y) * (z if c else 1.0 - z) if there else 0.0
-        total = ((shares[0] + shares[1]) + (shares[2] + shares[3])) + (
-            (shares[4] + shares[5]) + (shares[6] + shares[7])
-        )
-        for corner in range(8):
-            weights[r, corner] = shares[corner] / total
-
-
-@kernel
-def _interpolate(
-    begin: int,
-    end: int,
-    columns: NDArray[np.int32],
-    weights: NDArray[np.float32],
-    values: NDArray[np.float32],
-    result: NDArray[np.float32],
-) -> None:
-    for r in range(begin, end):
-        for corner in range(8):
-            weight, row = weights[r, corner], columns[r, corner]
-            if weight > np.float32(0):
-                for c in range(values.shape[1]):
-                    result[r, c] += weight * values[row, c]
+        starts = np.arange(0, columns.size + 1, columns.shape[1])
+        matrix = scipy.sparse.csr_array((weights.ravel(), columns.ravel(), starts), (len(columns), len(values)))
+        return np.asarray(matrix @ values)

@@ -10,14 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.errors import InputError
-from ..base.inputs import load_arrays
+from ..base.inputs import GIB, load_arrays
 from ..base.sphere import row_solid_angles
 from .optical_depth import OpticalDepth
 
 FILE = "measured.npz"
-
-LARGEST = 1 << 29
-"""Bytes of all its arrays: a byte a splat and a byte a vertex are far below."""
 
 SKY_HEIGHT = 64
 SKY_WIDTH = 2 * SKY_HEIGHT
@@ -101,7 +98,7 @@ class Measured(NamedTuple):
         """Read what `save` wrote. vertices: of the scene. Raises InputError for a file that is damaged, or of another
         number of vertices."""
         try:
-            arrays = load_arrays(path, LARGEST)
+            arrays = load_arrays(path, GIB)
             sky = None
             if "sky_radiance" in arrays:
                 parts = arrays["sky_bound"], arrays["sky_clipped"]

@@ -5,12 +5,11 @@ import warnings
 import numpy as np
 
 from ..base.errors import DataWarning, InputError
+from ..base.threads import ROWS_AT_ONCE
 from .splats import Splats
 
 SMALLEST_SPAN = 5e-5
 """Units: a ball of 7e-5 is meshed as one of 7 is (except for 3% of its faces), one of 7e-6 not at all."""
-
-MOST_SAMPLED = 65536
 
 COARSE, TOO_COARSE = 1.0, 4.0
 """Steps between neighbouring numbers at the splats' places, in their widths: where a step is a seventh of the width,
@@ -24,7 +23,7 @@ def check_extent(splats: Splats) -> None:
     between places of more than `TOO_COARSE` widths. Warns with a DataWarning where places are rounded to about the
     splats' own width.
     """
-    step = 1 + len(splats) // MOST_SAMPLED
+    step = 1 + len(splats) // ROWS_AT_ONCE
     places = splats.means[::step]
     low, high = np.percentile(places, [1, 99], axis=0)
     span = float(np.linalg.norm(high - low))

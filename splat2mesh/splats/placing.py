@@ -9,8 +9,9 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from ..base.errors import InputError
+from ..base.threads import ROWS_AT_ONCE
 from .harmonics import sh_basis_3dgs
-from .splats import BLOCK, Splats
+from .splats import Splats
 
 SAME = 1e-6
 """Relative error up to which a matrix counts as a similarity: float32 matrices pass, what a user could see does not."""
@@ -137,8 +138,8 @@ def _quadrature(degree: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 def _turned(sh: NDArray[np.float32], matrix: NDArray[np.float64]) -> NDArray[np.float32]:
     """(N, K, 3) coefficients turned; the constant ones keep every bit."""
     turned = sh.copy()
-    for start in range(0, len(sh), BLOCK):
-        rows = slice(start, start + BLOCK)
+    for start in range(0, len(sh), ROWS_AT_ONCE):
+        rows = slice(start, start + ROWS_AT_ONCE)
         turned[rows, 1:] = np.matmul(matrix[1:, 1:], sh[rows, 1:])
     return turned
 

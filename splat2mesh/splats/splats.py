@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..base.errors import InputError
 from ..base.outputs import check_output
+from ..base.threads import ROWS_AT_ONCE
 from .facts import NO_FACTS, FileFacts
 from .harmonics import DEGREE_OF_COEFFICIENTS, SH_C0, sh_basis_3dgs
 from .zorder import rows_along_curve
@@ -30,9 +31,6 @@ MIN_SPLATS = 10
 
 NUMBERS = ("means", "scales", "quats_wxyz", "opacities", "sh")
 """The fields of Splats that hold numbers, in their order."""
-
-BLOCK = 65536
-"""Rows that are worked on at a time: their arrays fit into the cache."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -260,8 +258,8 @@ class Splats:
             raise InputError(f"an eye is one world point of shape (3,), found {eye.shape}")
         colors = self.colors_diffuse
         if self.degree > 0:
-            for start in range(0, len(self), BLOCK):
-                rows = slice(start, start + BLOCK)
+            for start in range(0, len(self), ROWS_AT_ONCE):
+                rows = slice(start, start + ROWS_AT_ONCE)
                 basis = sh_basis_3dgs(_unit(self.means[rows] - eye), self.degree)
                 colors[rows] += np.einsum("nk,nkc->nc", basis[:, 1:], self.sh[rows, 1:])
         return np.maximum(colors, 0, out=colors)

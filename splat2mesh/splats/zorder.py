@@ -9,9 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-SMALLEST_EXTENT = 1e-15
-"""Units; what is smaller lies in one cell."""
-
 
 def rows_along_curve(points: NDArray[np.float32]) -> NDArray[np.int64]:
     """Order points along the curve.
@@ -20,7 +17,7 @@ def rows_along_curve(points: NDArray[np.float32]) -> NDArray[np.int64]:
     Returns (N,) int64: their rows; those of one cell, a thousandth of the extent, stay in their order.
     """
     low, high = np.percentile(points[:: 1 + len(points) // 65536], [1, 99], axis=0).astype(np.float32)
-    cells = (points - low) / max(float((high - low).max()), SMALLEST_EXTENT) * 1023
+    cells = (points - low) / max(float((high - low).max()), float(np.finfo(np.float32).tiny)) * 1023
     x, y, z = bits_apart(np.clip(cells, 0, 1023).astype(np.uint64)).T
     keys = (x << 2 | y << 1 | z) << 32 | np.arange(len(points), dtype=np.uint64)
     keys.sort()

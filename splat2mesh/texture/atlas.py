@@ -11,14 +11,14 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
-from ..base.arrays import Faces, Floats, Indices, Integers, Mask, Points
+from ..base.arrays import Faces, Floats, Integers, Mask, Points
 from ..base.choices import LARGEST_TEXTURE, SMALLEST_TEXTURE
 from ..base.errors import InputError
 from ..base.kernels import kernel
-from ..base.threads import in_slices, read_only
+from ..base.threads import in_slices
+from .fill import filled
 
 if TYPE_CHECKING:
     from ..scene.scene import Scene
@@ -53,22 +53,17 @@ class Atlas:
 
     def interpolate(self, values: Floats, rows: slice = slice(None)) -> NDArray[np.float32]:
         """Values of scene vertices at the texels, or some of them: (V, C) -> (T, C) float32."""
-        values, face = read_only(values), self.face[rows]
-        result = np.empty((len(face), values.shape[1]), np.float32)
-        _interpolate(values, self._corners, face, self.weights[rows], result)
-        return result
+        corners, weights = self._corners[self.face[rows]], self.weights[rows]
+        a, b, c = (weights[:, k, None] * values[corners[:, k]].astype(np.float32) for k in range(3))
+        return np.asarray(a + b + c)
 
     def image(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Values of texels as an image: (T, C) -> (size, size, C); every other texel has what is nearest to it."""
-        return values[self._nearest].reshape(self.size, self.size, -1)
+        """Values of texels as an image: (T, C) -> (size, size, C); every other texel has what is around it."""
+        return filled(self.size, self.texels, values)
 
     @cached_property
     def _corners(self) -> NDArray[np.int32]:
         return self.vertex[self.faces]
-
-    @cached_property
-    def _nearest(self) -> NDArray[np.int32]:
-        return _nearest_texel(self.texels, self.size)
 
 
 def atlas_of(scene: "Scene", mesh: "Welded", uv: Floats, faces: Integers, size: int, reach: float = REACH) -> Atlas:
@@ -190,28 +185,8 @@ def welded(scene: "Scene") -> Welded:
 
 def face_areas(points: Points, faces: Integers) -> NDArray[np.float64]:
     """Areas of faces (F, 3), (F,) float64, in the squared unit of the points (V, 3)."""
-    areas = np.empty(len(faces), np.float64)
-    _areas(read_only(points, np.float64), read_only(faces, np.int64), areas)
-    return areas
-
-
-def _nearest_texel(texels: Indices, size: int) -> NDArray[np.int32]:
-    """(size * size,) int32: for each texel the index of the nearest one that shows something."""
-    index = np.full(size * size, -1, np.int32)
-    index[texels] = np.arange(len(texels), dtype=np.int32)
-    empty = (index < 0).reshape(size, size)
-    rows, columns = scipy.ndimage.distance_transform_edt(empty, return_distances=False, return_indices=True)
-    return index.reshape(size, size)[rows, columns].ravel()
-
-
-@kernel
-def _areas(points: NDArray[np.float64], faces: NDArray[np.int64], areas: NDArray[np.float64]) -> None:
-    for f in range(len(faces)):
-        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
-        ux, uy, uz = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1], points[b, 2] - points[a, 2]
-        vx, vy, vz = points[c, 0] - points[a, 0], points[c, 1] - points[a, 1], points[c, 2] - points[a, 2]
-        x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-        areas[f] = np.sqrt(x * x + y * y + z * z) / 2
+    a, b, c = (points[corner].astype(np.float64) for corner in faces.T)
+    return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2)
 
 
 @kernel
@@ -276,17 +251,3 @@ def _draw(
                     best[row, column], face[row, column] = distance, f
                     weights[row, column, 0], weights[row, column, 1] = first, second
                     weights[row, column, 2] = third
-
-
-@kernel
-def _interpolate(
-    values: Floats,
-    corners: NDArray[np.int32],
-    face: NDArray[np.int32],
-    weights: NDArray[np.float32],
-    result: NDArray[np.float32],
-) -> None:
-    for t in range(len(face)):
-        a, b, c = corners[face[t], 0], corners[face[t], 1], corners[face[t], 2]
-        for k in range(values.shape[1]):
-            result[t, k] = weights[t, 0] * values[a, k] + weights[t, 1] * values[b, k] + weights[t, 2] * values[c, k]

@@ -14,7 +14,6 @@ from ..scene.glb import UNLIT, Glb, matt
 from ..scene.mesh import Mesh
 from ..scene.scene import Scene
 from .atlas import Atlas
-from .fill import filled
 from .texture import Texture
 
 PNG = b"\x89PNG"
@@ -94,7 +93,7 @@ def add_cards(file: Glb, cards: Sequence[tuple[Mesh, NDArray[np.float32]]], unli
 def mesh_glb(texture: Texture, chunks: int, extras: dict[str, Any], cards: Sequence[Mesh] = ()) -> bytes:
     """Return mesh.glb of a Texture, with cards beside it. chunks: as of `textured_glb`. extras: of the glTF scene."""
     atlas = texture.atlas
-    image = filled(atlas.size, atlas.texels, texture.colors)
+    image = atlas.image(texture.colors)
     file = textured_glb(texture.scene, atlas, [jpeg_bytes(image)], chunks)
     bytes_per_unit = np.float32(255.0)
     add_cards(file, [(each, linear_from_srgb(each.colors_srgb.astype(np.float32) / bytes_per_unit)) for each in cards])

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from ..base.arrays import ColorsSrgb
 from ..base.progress import Stages
+from ..base.threads import ROWS_AT_ONCE
 from ..scene.color import bytes_from_unit, linear_from_srgb, srgb_from_linear
 from ..scene.scene import Scene
 from ..surface.extract import Look, training_pixel
@@ -39,9 +40,6 @@ of the radius of an object, whose strings and handles stand close to it."""
 
 COARSE = 3.0
 """Training pixels that the depth of an object may be off at least: that of a pixel is that of the middle of a splat."""
-
-BATCH = 1 << 20
-"""Texels that are looked up at once."""
 
 
 @dataclass(frozen=True)
@@ -130,8 +128,8 @@ def _colors(
     points, vertex = scene.vertices @ back[:3, :3].T + back[:3, 3], scene.colors_srgb
     normals = scene.normals @ np.asarray(scene.scene_from_splat, np.float64)[:3, :3]  # by the inverse transpose
     colors, unseen = np.empty((len(atlas.texels), 3), np.uint8), 0
-    for start in range(0, len(colors), BATCH):
-        rows = slice(start, start + BATCH)
+    for start in range(0, len(colors), ROWS_AT_ONCE):
+        rows = slice(start, start + ROWS_AT_ONCE)
         local = atlas.interpolate(normals.astype(np.float32), rows)
         local /= np.maximum(np.linalg.norm(local, axis=1, keepdims=True), 1e-30)
         found, seen = pictures.shown(atlas.interpolate(points.astype(np.float32), rows), local, nearness, tolerance)

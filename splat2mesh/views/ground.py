@@ -80,14 +80,12 @@ class Ground:
     """Up as the place shows it.
 
     up: (3,) unit float64 in the splat's frame, or None where the evidence is weak. reason: what was found, one phrase.
-    assumed: whether the usual frame decided which side of the plane is up, though objects stand on the other.
     of_place: (3,) unit, what is up if the splat is a place, captured from within, where up is None; None where that
     would not settle it.
     """
 
     up: np.ndarray | None
     reason: str
-    assumed: bool = False
     of_place: np.ndarray | None = None
 
 
@@ -166,7 +164,7 @@ def _judged(splats: Splats, floor: Floor) -> Ground:
     up = _straight(up)
     name = f"{'+' if up[axis] > 0 else '-'}{'xyz'[axis]}"
     if assumed and floor.open_above:
-        return Ground(up, f"a flat side, {leans:.1f} degrees from {name}, assumed to be the lower one", True)
+        return Ground(up, f"a flat side, {leans:.1f} degrees from {name}, assumed to be the lower one")
     return Ground(up, f"the floor, {leans:.1f} degrees from {name}")
 
 

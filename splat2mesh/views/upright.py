@@ -10,7 +10,6 @@ from ..base.choices import UP_CHOICES
 from ..base.errors import InputError
 from ..render.view import View
 from ..splats.splats import Splats
-from .daylight import describe_brightness
 from .ground import ground_of
 
 _QUARTER_TURNS = {
@@ -44,10 +43,7 @@ def upright(
         leans = np.degrees(np.arccos(min(1.0, float(ground.of_place[2]))))
         return matrix, f"the floor, {leans:.1f} degrees from +z, since the capture looked from within"
     source = f"assumed -y, since {ground.reason}" if ground.up is None else ground.reason
-    matrix = scene_from_splat(up, floor_up=ground.up)
-    if ground.up is None or ground.assumed:
-        source += describe_brightness(splats, matrix[1, :3])
-    return matrix, source
+    return scene_from_splat(up, floor_up=ground.up), source
 
 
 def scene_from_splat(up: str = "auto", views: Sequence[View] = (), floor_up: Vector | None = None) -> Matrix4:

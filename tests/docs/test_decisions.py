@@ -150,12 +150,11 @@ def test_imagecodecs_ignores_the_exposure_of_a_radiance_picture():
     np.testing.assert_array_equal(4.0 * radiance_hdr.decode(content, "a"), imagecodecs.rgbe_decode(content))
 
 
-@pytest.mark.parametrize("content", [b"\n+Y 1 +X 2\n" + 2 * PIXEL, b"\n-Y 1 +X 4\n" + PIXEL + bytes([1, 1, 1, 3])])
-def test_imagecodecs_knows_neither_other_orders_nor_old_run_lengths(content):
-    found = radiance_hdr.decode(RADIANCE + content, "a")
-    np.testing.assert_array_equal(found, np.broadcast_to([1.0, 0.5, 0.25], found.shape))
+def test_imagecodecs_reads_no_rows_from_below():
+    content = RADIANCE + b"\n+Y 1 +X 2\n" + 2 * PIXEL
+    assert (radiance_hdr.decode(content, "a") == [1.0, 0.5, 0.25]).all()
     with pytest.raises(imagecodecs.RgbeError):
-        imagecodecs.rgbe_decode(RADIANCE + content)
+        imagecodecs.rgbe_decode(content)
 
 
 HANDLED = """

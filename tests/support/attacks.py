@@ -97,7 +97,7 @@ READERS = {
     "splat.streamed": _splats,
     "splat.checkpoints": _splats,
     **{f"mesh.{kind}": _mesh for kind in ("ply", "ascii.ply", "obj", "stl", "ascii.stl", "glb", "gltf")},
-    **{f"light.{kind}": _light for kind in ("exr", "piz.exr", "tiled.exr", "hdr", "old.hdr")},
+    **{f"light.{kind}": _light for kind in ("exr", "piz.exr", "tiled.exr", "hdr", "plain.hdr")},
     "scene": _scene,
     "animation": _animation,
     "cameras.json": _cameras,

@@ -9,13 +9,11 @@ import warnings
 import numpy as np
 
 from ...base.errors import DataWarning, InputError
+from ...base.threads import ROWS_AT_ONCE
 from ..splats import ABSURD_LENGTH, Splats
 from .encoding import sh_from_color
 
 _RECORD = np.dtype([("mean", "<f4", 3), ("scale", "<f4", 3), ("rgba", "u1", 4), ("quat_wxyz", "u1", 4)])
-
-_SAMPLE = 65536
-"""Records by which a file is recognised."""
 
 
 def read(path: str | os.PathLike[str]) -> Splats:
@@ -29,7 +27,7 @@ def read(path: str | os.PathLike[str]) -> Splats:
     records = np.memmap(path, _RECORD, "r", shape=(count,))
     quats = (records["quat_wxyz"].astype(np.float32) - 128) / 128
     # The format has no mark of its own, and quaternions of any length are in use, but no scale is negative.
-    some = np.array(records[:: 1 + count // _SAMPLE])
+    some = np.array(records[:: 1 + count // ROWS_AT_ONCE])
     likely = (np.abs(some["mean"]) <= ABSURD_LENGTH) & (some["scale"] >= 0) & (some["scale"] <= ABSURD_LENGTH)
     if np.count_nonzero(likely.all(axis=1)) < len(some) / 2:
         raise InputError(f"{path} is not a .splat file: most of its records hold no place and no size")

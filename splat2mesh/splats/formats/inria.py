@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from ...base.errors import InputError
 from ...base.outputs import staged_file
+from ...base.threads import ROWS_AT_ONCE
 from ..facts import HERE, NO_FACTS, FileFacts, Vector3, comments_of, facts_of_comments
 from ..splats import DEGREE_OF_COEFFICIENTS, Splats
 from .encoding import logit, sh_from_color, sigmoid, warn_beyond
@@ -34,7 +35,6 @@ FULL_DETAIL = 1 / 7
 DEGREES = {(degree + 1) ** 2: degree for degree in range(5)}
 """Degrees of harmonics in files, by coefficients per channel; above the third they are not read."""
 # Rows moved at a time: few enough to stay in the cache while all of their columns are picked.
-_BLOCK = 8192
 
 
 def read(ply: Ply, part: slice | None = None, offset: Vector3 | None = None) -> Splats:
@@ -99,7 +99,7 @@ def is_double(ply: Ply) -> bool:
 def _offset_of(ply: Ply, rows: NDArray[Any]) -> Vector3:
     if not is_double(ply) or not len(rows):
         return HERE
-    sample = np.array(rows[:: 1 + len(rows) // _BLOCK])
+    sample = np.array(rows[:: 1 + len(rows) // ROWS_AT_ONCE])
     places = np.stack([sample[name] for name in _CENTER], axis=1)
     places = places[np.isfinite(places).all(axis=1)]
     if not len(places):
@@ -166,8 +166,8 @@ def row_type(names: Iterable[str], double: bool = False) -> np.dtype:
 def _blocks(splats: Splats, normals: NDArray[Any] | None = None) -> Iterator[bytes]:
     names, double = properties_of(splats.sh.shape[1]), splats.facts.offset != HERE
     yield header_of(len(splats), names, splats.facts, double)
-    for start in range(0, len(splats), _BLOCK):
-        rows = slice(start, start + _BLOCK)
+    for start in range(0, len(splats), ROWS_AT_ONCE):
+        rows = slice(start, start + ROWS_AT_ONCE)
         packed = _packed(splats.take(rows), None if normals is None else normals[rows])
         if double:
             part = np.zeros(len(packed), row_type(names, double))
@@ -209,7 +209,7 @@ def gather(
     is taken off a field first, in its own precision.
     """
     less = {name: value for name, value in (less or {}).items() if value}
-    for start, block in blocks(rows, _BLOCK):
+    for start, block in blocks(rows, ROWS_AT_ONCE):
         for name, column in columns.items():
             column[start : start + len(block)] = block[name] - less[name] if name in less else block[name]
 

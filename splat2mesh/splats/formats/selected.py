@@ -11,7 +11,7 @@ import numpy as np
 from ...base.arrays import Mask
 from ...base.errors import InputError
 from ...base.outputs import staged_file
-from ..splats import BLOCK
+from ...base.threads import ROWS_AT_ONCE
 from .ply import Ply, blocks
 
 _COUNT = re.compile(rb"^(\s*element\s+vertex\s+)\d+", re.MULTILINE)
@@ -41,7 +41,7 @@ def _copy_rows(ply: Ply, keep: Mask, target: BinaryIO) -> None:
     with open(ply.path, "rb") as file:
         file.seek(ply.body)
         target.write(file.read(first - ply.body))
-        for start, block in blocks(rows, BLOCK):
+        for start, block in blocks(rows, ROWS_AT_ONCE):
             target.write(block[keep[start : start + len(block)]].tobytes())
         file.seek(first + len(rows) * rows.dtype.itemsize)
         while rest := file.read(1 << 20):

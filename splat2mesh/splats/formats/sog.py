@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from PIL.WebPImagePlugin import WebPImageFile
 
 from ...base.errors import InputError
-from ...base.inputs import FREE, LARGEST_TEXT, check_count, file_size, inside, loads
+from ...base.inputs import FREE, GIB, LARGEST_TEXT, check_count, file_size, inside, loads
 from ..facts import FileFacts
 from ..splats import DEGREE_OF_COEFFICIENTS, Splats
 from .encoding import restore_largest, sigmoid
@@ -31,8 +31,6 @@ META = "meta.json"
 ZIP = b"PK\x03\x04"
 ANTIALIASED = "antialiased"
 """Value of `model` in it, of splats for an anti-aliasing rasteriser. Source: playcanvas/splat-transform 3.2."""
-LARGEST_IMAGE = 1 << 30
-"""Bytes of an image in a folder: at most 16383 x 16383 pixels."""
 PALETTE_PIXELS = 1 << 24
 """Most pixels of the palette of harmonics: 65536 entries of 15 are a million."""
 _PALETTE_WIDTH = 64  # palette entries in one row of the centroid image
@@ -49,8 +47,8 @@ def read_folder(folder: Path, meta_name: str = META) -> Splats:
         file = inside(folder, name, folder / meta_name)
         if not file.exists():
             raise InputError(f"{file} is missing: {META} names it, copy the whole SOG folder")
-        if file_size(file) > LARGEST_IMAGE:
-            raise InputError(f"{file} takes {file_size(file) >> 20} MB, expected at most {LARGEST_IMAGE >> 20}")
+        if file_size(file) > GIB:
+            raise InputError(f"{file} takes {file_size(file) >> 20} MB, expected at most {GIB >> 20}")
         return file.read_bytes()
 
     return _read(folder / meta_name, load, meta_name)

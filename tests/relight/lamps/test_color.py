@@ -43,14 +43,6 @@ def test_the_locus_of_planck_by_the_observer_of_the_cie():
         assert chromaticity(blackbody(kelvin)) == pytest.approx((x / (x + y + z), y / (x + y + z)), abs=most), kelvin
 
 
-def test_usd_has_the_same_blackbody():
-    pxr = pytest.importorskip("pxr.UsdLux", reason="usd-core is not installed")
-    for kelvin in (2000.0, 2700.0, 4000.0, 6500.0, 10000.0):
-        theirs = np.array(pxr.BlackbodyTemperatureAsRgb(kelvin))
-        # A spline through few knots: in the middle of the range it is off by some percent.
-        assert blackbody(kelvin) == pytest.approx(theirs / luminance(theirs), abs=0.06), kelvin
-
-
 def test_hotter_is_bluer_and_cold_ones_lie_within_the_gamut():
     ratios = [blackbody(kelvin)[2] / blackbody(kelvin)[0] for kelvin in range(2000, 25001, 500)]
     assert (np.diff(ratios) > 0).all()

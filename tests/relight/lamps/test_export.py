@@ -1,4 +1,4 @@
-"""relight.lamps.export and usd_lights: what is written is read back, and as others read it."""
+"""relight.lamps.export: what is written is read back, and as others read it."""
 
 import math
 
@@ -8,8 +8,7 @@ import pytest
 from gltf_check import validator_issues
 
 from relight.lamps.asked import LampScale, resolve
-from relight.lamps.color import luminance
-from relight.lamps.export import define_lamps, khr_lights
+from relight.lamps.export import khr_lights
 from relight.lamps.files import read_lamps
 from relight.lamps.gltf_lights import PUNCTUAL
 from relight.lamps.photometry import axis_intensity, flux
@@ -130,64 +129,5 @@ def test_profiles_are_spots_of_their_flux_or_points(tmp_path):
     assert isinstance(point, SphereLamp) and flux(point) == pytest.approx(flux(wide))
 
 
-def usd(tmp_path, lamps, suffix=".usda", names=None):
-    pytest.importorskip("pxr", reason="usd-core is not installed")
-    from pxr import Usd
-
-    path = tmp_path / f"lamps{suffix}"
-    stage = Usd.Stage.CreateNew(str(path))
-    paths = define_lamps(stage, lamps, names)
-    stage.GetRootLayer().Save()
-    return path, paths
-
-
-@pytest.mark.parametrize("suffix", [".usda", ".usdc"])
-@pytest.mark.parametrize("lamp", [POINT, BALL, SPOT, SOFT_SPOT, PANEL, TUBE, SIGN, DARK], ids=lambda each: type(each))
-def test_lamps_come_back_from_usd(tmp_path, lamp, suffix):
-    path, _ = usd(tmp_path, [lamp], suffix)
-    (asked,) = read_lamps(path)
-    alike(resolve(asked, ONE), lamp, 1e-6)  # float32
-
-
-def test_both_sides_come_back_from_usd(tmp_path):
-    panel = RectangleLamp(PANEL.center, PANEL.edge_u, PANEL.edge_v, LIGHT, True)
-    path, paths = usd(tmp_path, [panel, TWO_SIDED_SIGN], names=["panel", "sign"])
-    assert paths == ["/World/Lamps/Lamp_1", "/World/Lamps/Lamp_2"]
-    front, back, sign = (resolve(asked, ONE) for asked in read_lamps(path))
-    assert read_lamps(path)[0].name == "panel"
-    normal = np.cross(panel.edge_u, panel.edge_v)
-    assert np.cross(front.edge_u, front.edge_v) == pytest.approx(normal, rel=1e-6)
-    assert np.cross(back.edge_u, back.edge_v) == pytest.approx(-normal, rel=1e-6)
-    assert flux(front) + flux(back) == pytest.approx(flux(panel), rel=1e-6)
-    assert sign.two_sided and flux(sign) == pytest.approx(flux(TWO_SIDED_SIGN), rel=1e-6)
-
-
-def test_usd_core_knows_the_lights(tmp_path):
-    path, paths = usd(tmp_path, [POINT, SPOT, PANEL, TUBE, SIGN, profile([0, 20, 40], [1, 0.5, 0])])
-    from pxr import Usd, UsdGeom, UsdLux
-
-    stage = Usd.Stage.Open(str(path))
-    prims = [stage.GetPrimAtPath(each) for each in paths]
-    kinds = ["SphereLight", "SphereLight", "RectLight", "CylinderLight", "Mesh", "SphereLight"]
-    assert [prim.GetTypeName() for prim in prims] == kinds
-    assert all(prim.HasAPI(UsdLux.LightAPI) for prim in prims)
-    assert UsdLux.SphereLight(prims[0]).GetTreatAsPointAttr().Get()
-    axis = UsdGeom.XformCache().GetLocalToWorldTransform(prims[1]).TransformDir((0.0, 0.0, -1.0))
-    assert np.array(axis) == pytest.approx(fields(SPOT)["target"])
-    assert UsdLux.ShapingAPI(prims[1]).GetShapingConeAngleAttr().Get() == 25.0
-    assert UsdLux.ShapingAPI(prims[1]).GetShapingConeSoftnessAttr().Get() == pytest.approx(0.2)
-    along = UsdGeom.XformCache().GetLocalToWorldTransform(prims[3]).TransformDir((1.0, 0.0, 0.0))
-    tube = np.subtract(TUBE.end, TUBE.start)
-    assert np.array(along) == pytest.approx(tube / np.linalg.norm(tube))
-    light = UsdLux.LightAPI(prims[2])
-    assert light.GetIntensityAttr().Get() * np.array(light.GetColorAttr().Get()) == pytest.approx(LIGHT)
-    assert luminance(LIGHT) > 0.0
-
-
-def test_no_lamps_leave_no_prim(tmp_path):
-    pytest.importorskip("pxr", reason="usd-core is not installed")
-    from pxr import Usd
-
-    stage = Usd.Stage.CreateInMemory()
-    assert define_lamps(stage, []) == [] and not list(stage.Traverse())
+def test_no_lamps_leave_no_node():
     assert khr_lights([]) == ({"lights": []}, [])

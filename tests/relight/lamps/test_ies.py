@@ -5,10 +5,11 @@ import pytest
 from typed_lamps import parse_lamp
 
 from relight.lamps.asked import Brightness, LampScale, resolve
-from relight.lamps.ies import LARGEST_IES, read_profile
+from relight.lamps.ies import read_profile
 from relight.lamps.photometry import axis_intensity, flux
 from relight.lamps.shapes import ProfileLamp
 from splat2mesh.base.errors import InputError
+from splat2mesh.base.inputs import LARGEST_TEXT
 
 HEADERS = {
     "1986": "ANY LUMINAIRE",
@@ -147,6 +148,6 @@ def test_what_is_no_profile_is_refused_in_one_line(tmp_path, content, says):
 def test_a_file_too_large_is_not_read(tmp_path):
     path = tmp_path / "large.ies"
     with open(path, "wb") as file:
-        file.truncate(LARGEST_IES + 1)
-    with pytest.raises(InputError, match="over 16 MB"):
+        file.truncate(LARGEST_TEXT + 1)
+    with pytest.raises(InputError, match="over 64 MB"):
         read_profile(path)

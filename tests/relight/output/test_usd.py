@@ -5,12 +5,8 @@ import pytest
 from lit_ball import TILT, ball_scene, splats_of_ball
 
 from relight import Environment
-from relight.lamps.asked import LampScale, resolve
-from relight.lamps.files import read_lamps
-from relight.lamps.shapes import TubeLamp
-from relight.output.lamps_glb import PlacedLamps, ShownLight
+from relight.output.lamps_glb import ShownLight
 from relight.output.usd import FILE, LIGHT, SEEN_TO, write_usd
-from splat2mesh.base.errors import DataWarning
 from splat2mesh.splats.formats import read_splats
 from splat2mesh.splats.placing import placed
 
@@ -34,20 +30,6 @@ def opened(folder):
     from pxr import Usd
 
     return Usd.Stage.Open(str(folder / FILE))
-
-
-def test_placed_lamps_stand_in_the_stage(tmp_path):
-    scene, albedo = ball_scene(10)
-    lamp = TubeLamp((-1.0, 2.0, 0.5), (1.0, 2.5, 0.0), 0.02, (3.0, 2.0, 1.0))
-    placed = PlacedLamps([lamp], ["tube"])
-    write_usd(
-        tmp_path, {"relit": splats_of_ball(50)[0]}, scene, albedo, ShownLight(Environment.load("sunset"), 0.7, placed)
-    )
-    with pytest.warns(DataWarning, match="skipped 1 distant and dome"):
-        (asked,) = read_lamps(tmp_path / FILE)
-    assert asked.name == "tube" and str(opened(tmp_path).GetPrimAtPath("/World/Lamps/Lamp_1").GetTypeName())
-    found = resolve(asked, LampScale(1.0, 1.0, 1.0))
-    assert isinstance(found, TubeLamp) and found.radiance == pytest.approx(lamp.radiance, rel=1e-6)
 
 
 def test_the_splats_are_a_particle_field_in_the_scene_frame(written):

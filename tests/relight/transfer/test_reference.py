@@ -144,5 +144,5 @@ def test_turning_the_light_is_turning_the_mesh_back(torus):
 
 @pytest.mark.parametrize("count", [63, 1000.5, 2**18])
 def test_direction_counts_out_of_range_are_refused(count):
-    with pytest.raises(InputError, match="from 64 to 131072"):
+    with pytest.raises(InputError, match="from 64 to 65536"):
         reference(convex(), EVERY, Environment(np.ones((4, 8, 3))), count)

@@ -12,7 +12,8 @@ from viewer_scenes import ball_on_plate
 from relight.engine.light_mix import LightBeside
 from relight.lamps.asked import AskedLamp, Brightness, LampScale
 from relight.lamps.shapes import SphereLamp
-from relight.viewer.lamp_bench import DARK, MOST_ALONE, SPARE, LampBench
+from relight.live.terms import MOST_LAMPS
+from relight.viewer.lamp_bench import DARK, SPARE, LampBench
 from relight.viewer.lamp_board import LampBoard
 from relight.viewer.request import SessionRequest
 from relight.viewer.session import Session
@@ -300,7 +301,7 @@ def test_what_comes_too_late_is_dropped():
 
 def test_many_lamps_share_a_term_until_they_are_touched():
     counted = Counted()
-    lamps = [point(float(x)) for x in range(MOST_ALONE + 8)]
+    lamps = [point(float(x)) for x in range(MOST_LAMPS + 8)]
     bench, board = bench_of(counted, *lamps)
     assert counted.traced == [len(lamps)]
     board.put(3, point(2.0, value=11.0))

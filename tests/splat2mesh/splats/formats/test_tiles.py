@@ -115,5 +115,5 @@ def test_the_size_of_the_blocks_changes_nothing(tmp_path, monkeypatch):
     write_splats(tmp_path / "a.ply", make_splats(100, 2))
     expected = read_splats(tmp_path / "a.ply")
     for block in (1, 7, 99, 100, 101):
-        monkeypatch.setattr("splat2mesh.splats.formats.inria._BLOCK", block)
+        monkeypatch.setattr("splat2mesh.splats.formats.inria.ROWS_AT_ONCE", block)
         assert_same(read_splats(tmp_path / "a.ply"), expected)
