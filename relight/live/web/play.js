@@ -65,6 +65,7 @@ class Player {
     this.app.systems.gsplat.on("frame:ready", (camera, layer, ready) => {
       if (ready && !this.settled) this.drawn++;
       this.settled = ready;
+      this.release();
     });
     this.app.on("update", (seconds) => this.tick(seconds));
     this.load();

@@ -85,7 +85,7 @@ def test_frames_beside_the_page_are_fetched_ahead_and_let_go(tmp_path, monkeypat
             page.wait("window.relight?.entities?.size > 0")
             page.run("relight.ahead = 2")
             check_pictures(page)
-            assert page.run("relight.entities.size") <= 3
+            page.wait("relight.entities.size <= 3")
         server.shutdown()
 
 
