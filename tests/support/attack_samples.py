@@ -227,7 +227,7 @@ def _lights(folder):
         OpenEXR.File(header, channels).write(str(folder / f"whole.{kind}"))
         found[f"light.{kind}"] = {"a.exr": (folder / f"whole.{kind}").read_bytes()}, "a.exr"
     found["light.hdr"] = {"a.hdr": imagecodecs.rgbe_encode(pixels)}, "a.hdr"
-    head = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\nEXPOSURE=2.0\nPRIMARIES=.7 .3 .2 .8 .1 .05 .31 .33\n\n+Y 4 -X 6\n"
+    head = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\nEXPOSURE=2.0\nPRIMARIES=.7 .3 .2 .8 .1 .05 .31 .33\n\n+Y 4 +X 6\n"
     row = bytes([9, 80, 200, 129, 7, 80, 200, 130, 6, 5, 4, 129] * 2)
     found["light.plain.hdr"] = {"a.hdr": head + 4 * row}, "a.hdr"
     return found
