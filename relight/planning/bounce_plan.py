@@ -1,6 +1,7 @@
 """The number of rays that the first bounce of placed lamps needs, measured on a sample of the vertices."""
 
 import math
+import sys
 import time
 
 import numpy as np
@@ -67,6 +68,4 @@ def _square(off: NDArray[np.float32]) -> float:
 def _brightness(light: NDArray[np.float32]) -> float:
     """Root mean square of light (N, 3), as BRIGHT counts it."""
     each = np.sqrt(np.square(light, dtype=np.float64).mean(axis=1))
-    return max(
-        math.sqrt(float(np.square(np.minimum(each, np.percentile(each, BRIGHT))).mean())), np.finfo(np.float64).tiny
-    )
+    return max(math.sqrt(float(np.square(np.minimum(each, np.percentile(each, BRIGHT))).mean())), sys.float_info.min)

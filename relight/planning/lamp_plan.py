@@ -1,5 +1,6 @@
 """The number of rays that placed lamps need, measured on a sample of the vertices, and their contribution and cost."""
 
+import sys
 import time
 from typing import Any, NamedTuple
 
@@ -115,12 +116,12 @@ def plan_lamps(
         seconds = (time.perf_counter() - start) * count / len(rows)
         squares = np.square(found[judged] - true).mean(axis=1, dtype=np.float64)
         doubt = float(squares.std()) / len(squares) ** 0.5 if many else 0.0  # few errors are large
-        error = (float(squares.mean()) + doubt) ** 0.5 / max(whole, np.finfo(np.float64).tiny)
+        error = (float(squares.mean()) + doubt) ** 0.5 / max(whole, sys.float_info.min)
         curve.append((seconds, error, rays))
         if error < tolerance / 4.0:
             break
     kept = next((step for step in curve if step[1] <= tolerance), curve[-1])
-    share = float(true.sum() / max(float((true + beside).sum()), np.finfo(np.float64).tiny))
+    share = float(true.sum() / max(float((true + beside).sum()), sys.float_info.min))
     return RayPlan(kept[2], kept[1], kept[0], curve, kept[1] <= tolerance, share)
 
 
