@@ -14,7 +14,7 @@ from ..albedo.captured import CapturedScene, CaptureEvidence
 from ..albedo.seen import looks_from
 from ..light.captured_light import NAME, LikelyLight, read_lights
 from ..light.environment import Environment
-from .appearance import CAPTURE, CAPTURE_OF_PLACE, Appearance, sky_of
+from .appearance import CAPTURE, Appearance, sky_of
 from .relighter import Relighter
 
 
@@ -75,7 +75,7 @@ class LightByHand:
     def _known(self) -> HandScene:
         relighter = self._relighter
         scene = relighter.scene
-        known = relighter.transport(CAPTURE_OF_PLACE if scene.is_place else CAPTURE, alone=True)
+        known = relighter.transport(CAPTURE, alone=True)
         evidence = CaptureEvidence(sky_of(scene), looks_from(scene, relighter.occluder))
         asked = relighter.occluder, scene.colors_linear, relighter.seed, lambda count: None
         return HandScene(CapturedScene(*asked, known, evidence))

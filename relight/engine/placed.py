@@ -25,7 +25,7 @@ from ..rooms.room import AVERAGING_ROUNDS
 from ..transfer.bounces import with_bounces
 from ..transfer.first_bounce import first_bounce
 from ..transfer.occluder import Frame, Occluder
-from .appearance import CAPTURE, CAPTURE_OF_PLACE
+from .appearance import CAPTURE
 from .relit_room import ROUNDS
 
 if TYPE_CHECKING:
@@ -222,5 +222,4 @@ class LampLight:
     @cached_property
     def _interreflection(self) -> "Interreflection":
         """The cached bounces that the estimate of the capture's light used."""
-        is_place = self._relighter.scene.is_place
-        return self._relighter.transport(CAPTURE_OF_PLACE if is_place else CAPTURE).interreflection
+        return self._relighter.transport(CAPTURE).interreflection

@@ -21,7 +21,7 @@ from ..rooms.room import Room
 from ..transfer.bounces import with_bounces
 from ..transfer.settings import Settings
 from ..transfer.store import array_key
-from .appearance import CAPTURE_OF_PLACE, Appearance
+from .appearance import CAPTURE, Appearance
 from .assumed_light import OUTSIDE, assumed_change
 from .relighter import Relighter, Shading
 
@@ -119,11 +119,10 @@ class RelitRoom:
         look, room = self._look, self._look.room
         if room is None or all(factor == 1.0 for factor in self._factors):
             return look.captured
-        settings = CAPTURE_OF_PLACE
         outside = np.zeros_like(look.captured)
         if not self._shut:
-            outside = self._from_outside(settings)
-        return self._changed(outside, settings).astype(np.float32)
+            outside = self._from_outside(CAPTURE)
+        return self._changed(outside, CAPTURE).astype(np.float32)
 
     def _changed(self, outside: NDArray[np.float32], settings: Settings) -> NDArray[np.float32]:
         """The captured colours under light from outside by which the model sends out that radiance, (V, 3), and the
@@ -145,7 +144,7 @@ class RelitRoom:
             return factors[0] * room.by_lamps
         if not len(factors):
             return room.by_lamps
-        interreflection = self._relighter.transport(CAPTURE_OF_PLACE).interreflection
+        interreflection = self._relighter.transport(CAPTURE).interreflection
         before, after = (
             with_bounces(np.einsum("l,lvc->vc", weights, room.lamp_light), room.albedo, interreflection)[0]
             for weights in (np.ones_like(factors), factors)

@@ -13,7 +13,7 @@ from splat2mesh.base.errors import DataWarning
 from splat2mesh.scene.color import luminance
 from splat2mesh.splats.joining import joined
 
-from ..engine.appearance import CAPTURE, CAPTURE_OF_PLACE
+from ..engine.appearance import CAPTURE
 from ..engine.relit_room import SOFTNESS
 from ..planning.costs import FOLLOWED
 from ..transfer.occluder import Frame
@@ -169,8 +169,7 @@ class Inserts:
         albedo, later = self.look.albedo, np.zeros_like(direct)
         if albedo is None or not direct.any():
             return later
-        settings = CAPTURE_OF_PLACE if self.relighter.scene.is_place else CAPTURE
-        interreflection, sent = self.relighter.transport(settings).interreflection, direct
+        interreflection, sent = self.relighter.transport(CAPTURE).interreflection, direct
         with self.relighter.stages.stage("bounces"):
             for _ in range(FOLLOWED):
                 sent = interreflection.bounce(albedo * sent)

@@ -19,7 +19,7 @@ from splat2mesh.sequence import meshed_like
 from splat2mesh.splats.frames import ALONE, AT_REST, MOVING, SplatFrame
 from splat2mesh.splats.splats import Splats
 
-from ..engine.appearance import CAPTURE_OF_PLACE, Appearance, Place
+from ..engine.appearance import CAPTURE, Appearance, Place
 from ..engine.relighter import Relighter, Shaded
 from ..light.environment import Environment
 from ..output.relit_splats import RelitSource
@@ -152,7 +152,7 @@ class LitFrames:
 
 
 def _bounces(relighter: Relighter) -> Interreflection:
-    return relighter.transport(CAPTURE_OF_PLACE).interreflection
+    return relighter.transport(CAPTURE).interreflection
 
 
 def _moved(first: NDArray[np.float32], now: NDArray[np.float32], still: NDArray[np.float32]) -> NDArray[np.float32]:

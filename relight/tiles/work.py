@@ -24,7 +24,7 @@ from splat2mesh.tiles.survey import splats_from
 from ..albedo import estimate
 from ..albedo.estimate import under_light
 from ..albedo.samples import vertex_areas
-from ..engine.appearance import CAPTURE, CAPTURE_OF_PLACE, Appearance
+from ..engine.appearance import CAPTURE, Appearance
 from ..engine.light_mix import LightMix
 from ..engine.relighter import Relighter
 from ..lamps.placing import asked_lamps
@@ -224,7 +224,7 @@ def _albedo(
     if shared.capture is None:
         return captured, np.ones_like(captured)
     light, prior = shared.capture, shared.prior
-    return under_light(relighter.occluder, captured, light, prior, seed, relighter.transport(CAPTURE_OF_PLACE))
+    return under_light(relighter.occluder, captured, light, prior, seed, relighter.transport(CAPTURE))
 
 
 def _source_splats(store: Store, tile: int, sources: list[int]) -> Splats | None:

@@ -178,14 +178,14 @@ def _arrays(scene, truth, shot, rng):
     from relight.albedo.captured import CapturedScene, CaptureEvidence
     from relight.albedo.seen import looks_from
     from relight.albedo.skylight import seen_sky
-    from relight.engine.appearance import CAPTURE, CAPTURE_OF_PLACE
+    from relight.engine.appearance import CAPTURE
     from relight.engine.relighter import Relighter
     from splat2mesh.scene.color import linear_from_srgb
     from splat2mesh.scene.measured import CapturedSky
     from splat2mesh.splats.splats import SH_C0
 
     relighter = Relighter(scene)
-    known = relighter.transport(CAPTURE_OF_PLACE if scene.is_place else CAPTURE, alone=True)
+    known = relighter.transport(CAPTURE, alone=True)
     occluder, looks = relighter.occluder, looks_from(scene, relighter.occluder)
     index, weight, front = _around(scene, truth, shot[0][2])
     areas = samples.vertex_areas(occluder) if looks is None else looks.sizes(len(occluder.origins))

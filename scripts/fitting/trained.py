@@ -35,14 +35,14 @@ def _arrays(truth):
     from relight.albedo.captured import CapturedScene, CaptureEvidence
     from relight.albedo.seen import looks_from
     from relight.albedo.skylight import seen_sky
-    from relight.engine.appearance import CAPTURE, CAPTURE_OF_PLACE, sky_of
+    from relight.engine.appearance import CAPTURE, sky_of
     from relight.engine.relighter import Relighter
     from splat2mesh import convert
 
     meta = json.loads((truth / "meta.json").read_text(encoding="utf-8"))
     scene = convert(truth / "point_cloud.ply", detail="draft", texture="none", up=meta["up"])
     relighter = Relighter(scene)
-    known = relighter.transport(CAPTURE_OF_PLACE if scene.is_place else CAPTURE, alone=True)
+    known = relighter.transport(CAPTURE, alone=True)
     evidence = CaptureEvidence(sky_of(scene), looks_from(scene, relighter.occluder))
     day = CapturedScene(relighter.occluder, scene.colors_linear, 0, lambda count: None, known, evidence)
     turn = np.asarray(scene.scene_from_splat)[:3, :3]

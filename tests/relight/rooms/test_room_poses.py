@@ -7,7 +7,7 @@ import pytest
 from lit_rooms import room
 
 from relight import Environment, LightingOptions
-from relight.engine.appearance import CAPTURE_OF_PLACE
+from relight.engine.appearance import CAPTURE
 from relight.jobs.job import Job
 from relight.request import RelightRequest
 from relight.rooms.room_poses import RoomPoses
@@ -37,11 +37,11 @@ def poses():
     vertices[ball] += SHIFT
     (mesh,) = scene.chunks
     then = Scene([Mesh(vertices, mesh.normals, mesh.faces, mesh.colors_srgb)], capture=scene.capture)
-    still = known.relighter.posed(scene, CAPTURE_OF_PLACE)
-    moved = still.posed(then, CAPTURE_OF_PLACE)
-    lamps = RoomPoses(found, still.occluder, still.transport(CAPTURE_OF_PLACE).interreflection)
-    again = lamps.at(still.occluder, still.transport(CAPTURE_OF_PLACE).interreflection)
-    there = lamps.at(moved.occluder, moved.transport(CAPTURE_OF_PLACE).interreflection)
+    still = known.relighter.posed(scene, CAPTURE)
+    moved = still.posed(then, CAPTURE)
+    lamps = RoomPoses(found, still.occluder, still.transport(CAPTURE).interreflection)
+    again = lamps.at(still.occluder, still.transport(CAPTURE).interreflection)
+    there = lamps.at(moved.occluder, moved.transport(CAPTURE).interreflection)
     return place, replace(place, vertices=vertices), (found, again, there), ball
 
 

@@ -7,7 +7,7 @@ import pytest
 from lit_rooms import room
 
 from relight import Environment, Relighter
-from relight.engine.appearance import CAPTURE_OF_PLACE, appearance_of
+from relight.engine.appearance import CAPTURE, appearance_of
 from relight.rooms.windows import WindowLight, capture_light, direct_light
 from relight.transfer.bounces import visible_fraction
 from relight.transfer.store import Cache
@@ -49,7 +49,7 @@ def test_of_a_known_light_brightness_and_tint_alone_change():
 
 def test_a_known_light_is_scaled_to_bring_as_much_as_a_uniform_sky():
     relighter = Relighter(under_known_light()[0])
-    transfer = relighter.transport(CAPTURE_OF_PLACE, alone=True).transfer
+    transfer = relighter.transport(CAPTURE, alone=True).transfer
     weights = np.random.default_rng(0).random(len(transfer))
     light = Environment.load("sunset").rotated(40.0)
     known = WindowLight.of(light, relighter.occluder, transfer, weights)
