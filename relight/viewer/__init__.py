@@ -54,8 +54,10 @@ def view(
     session = Session(SessionRequest.of(scene, environment, options, **wishes))
     if screenshot and not panel:
         session.change(panel=False)  # leaves the whole picture to the scene
+    close = session.close
     try:
         window = Window(session, size or SIZE, off_screen)
+        close = window.close  # its session may be another by then: of a captured light that was kept
         if notebook:
             from .notebook import show_widget
 
@@ -68,7 +70,7 @@ def view(
         else:
             window.run()
     except BaseException:
-        session.close()
+        close()
         raise
     window.close()
 
@@ -93,11 +95,11 @@ def serve(
 
     load_pyvista(True)
     place = port if isinstance(port, Served) else Served.at(port)
-    session = Session(SessionRequest.of(scene, environment, options, **wishes))
+    window = Window(Session(SessionRequest.of(scene, environment, options, **wishes)), size or SIZE, off_screen=True)
     try:
-        served(Window(session, size or SIZE, off_screen=True), place, announce)
+        served(window, place, announce)
     finally:
-        session.close()
+        window.close()
 
 
 def record_turntable(
