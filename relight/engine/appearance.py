@@ -14,6 +14,7 @@ from splat2mesh.scene.measured import CapturedSky
 from splat2mesh.scene.scene import Scene
 
 from ..albedo import CaptureEvidence, Prior, estimate, with_known_light
+from ..albedo.captured import BANDS, BOUNCE_RAYS, RAYS
 from ..albedo.division import DARKEST
 from ..albedo.offered import offer_lights
 from ..albedo.seen import looks_from, standing
@@ -38,9 +39,9 @@ WAY = 25
 """Version of the estimate of light and albedo. It increases when the numbers change, and invalidates cached
 estimates."""
 
-CAPTURE = Settings("raytraced", 8, 64, bounce_rays=32)
-"""Transfer and bounces for the estimate of the captured light, which most lights need later; the cache then holds
-them. 16 rays gave three objects the same scores."""
+CAPTURE = Settings("raytraced", BANDS, RAYS, bounce_rays=BOUNCE_RAYS)
+"""Transfer and bounces for the estimate of the captured light. In a place they are those that most lights need later,
+and the cache then holds them. Objects have the same scores by 16 bounce rays."""
 
 
 class Place(Enum):
