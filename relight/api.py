@@ -150,7 +150,7 @@ def relight_scene(
     Parameters
     ----------
     scene : Scene, path, mesh or RelightRequest
-        A Scene; the path of a scene folder or mesh file; a mesh of trimesh, open3d or PyVista; or a request,
+        A Scene; the path of a scene folder or mesh file; a mesh of trimesh or open3d; or a request,
         which contains the rest.
     env : Environment, path or name
         An `.exr` or `.hdr` file, "studio", "overcast", "sunset", "noon", or "captured", the light of the capture.

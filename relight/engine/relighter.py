@@ -87,7 +87,7 @@ class Shaded(NamedTuple):
 class Relighter:
     """Light on one scene. Results that depend on the geometry alone are computed once, on first use.
 
-    scene: a Scene; the path of a scene folder or mesh file; or a mesh of trimesh, open3d or PyVista.
+    scene: a Scene; the path of a scene folder or mesh file; or a mesh of trimesh or open3d.
     options: LightingOptions, or the name of a method; `wishes` are fields of them, such as tolerance=0.02. With a
         tolerance or a budget, each light is planned (`plan_for`).
     stages: Stages that time the work.

@@ -1,4 +1,4 @@
-"""Meshes of other libraries as scenes: trimesh, open3d and PyVista, distinguished without importing any of them."""
+"""Whatever holds a scene: a Scene, a path, or a mesh of this package, of trimesh or of open3d, by its attributes."""
 
 import os
 import warnings
@@ -9,35 +9,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.errors import DataWarning, InputError
-from .color import srgb_from_linear
 from .mesh import Mesh, vertex_normals
 from .scene import Scene
 from .surfaces import FAR, centred, check_corners, frame_from_own, too_far
 
 if TYPE_CHECKING:
     import open3d
-    import pyvista
     import trimesh
 
-AnyScene: TypeAlias = (
-    "Scene | Mesh | str | os.PathLike[str] | trimesh.Trimesh | trimesh.Scene"
-    " | open3d.geometry.TriangleMesh | open3d.t.geometry.TriangleMesh | pyvista.DataSet"
-)
+AnyScene: TypeAlias = "Scene | Mesh | str | os.PathLike[str] | trimesh.Trimesh | open3d.geometry.TriangleMesh"
 """The types that `as_scene` takes."""
-
-COLOR_ARRAYS = ("colors", "Colors", "RGB", "RGBA", "rgb", "rgba")
-"""Names under which PyVista's readers and users keep the colours of points."""
 
 
 def as_scene(source: AnyScene) -> Scene:
     """Make a Scene of whatever holds one.
 
-    source: Scene, path, Mesh, or a mesh of trimesh, open3d (legacy or tensor) or PyVista, a Scene is returned as it is.
-    A path is of a scene folder or mesh file. Returns Scene: a mesh becomes a scene of one chunk, its vertices in their
-    own order; polygons become triangles, missing normals are computed, missing colours are white; colours are taken as
-    sRGB. Raises InputError for anything else and for meshes that cannot be lit. Warns with a DataWarning about a mesh
-    that was moved to the origin, where float32 would lose it, with what it has lost already; about colours that are not
-    read.
+    source: Scene, path, Mesh, or a mesh with the `vertices`, the `faces` or `triangles`, and perhaps the
+    `vertex_normals` and `vertex_colors` of trimesh or open3d; a Scene is returned as it is. A path is of a scene folder
+    or mesh file. Returns Scene: a mesh becomes a scene of one chunk, its vertices in their own order; missing normals
+    are computed, missing colours are white; colours are taken as sRGB, textures are not read. Raises InputError for
+    anything else and for meshes that cannot be lit. Warns with a DataWarning about a mesh that was moved to the origin,
+    where float32 would lose it, with what it has lost already.
     """
     if isinstance(source, Scene):
         return source
@@ -45,15 +37,14 @@ def as_scene(source: AnyScene) -> Scene:
         return Scene.load(source)
     if isinstance(source, Mesh):
         return _near(np.asarray(source.vertices), source)
-    library = type(source).__module__.partition(".")[0]
-    if library == "trimesh":
-        return _scene(*_of_trimesh(source))
-    if library == "open3d":
-        return _scene(*_of_open3d(source))
-    if hasattr(source, "point_data") and hasattr(source, "extract_surface"):
-        return _scene(*_of_pyvista(source))
-    kind = f"{type(source).__module__}.{type(source).__qualname__}"
-    raise InputError(f"expected a Scene, a path, or a mesh of trimesh, open3d or PyVista, found {kind}")
+    faces = getattr(source, "faces", getattr(source, "triangles", None))
+    if faces is None or not hasattr(source, "vertices"):
+        kind = f"{type(source).__module__}.{type(source).__qualname__}"
+        raise InputError(f"expected a Scene, a path, or a mesh with vertices and faces, found {kind}")
+    visual = source if hasattr(source, "vertex_colors") else getattr(source, "visual", None)
+    return _scene(
+        source.vertices, faces, getattr(source, "vertex_normals", None), getattr(visual, "vertex_colors", None)
+    )
 
 
 def _scene(vertices: Any, faces: Any, normals: Any, colors: Any) -> Scene:
@@ -101,50 +92,3 @@ def _color_bytes(colors: Any, count: int) -> NDArray[np.uint8]:
     if colors.dtype.kind == "f":
         return np.round(np.clip(colors[:, :3], 0.0, 1.0) * 255.0).astype(np.uint8)
     return colors[:, :3].astype(np.uint8)
-
-
-def _of_trimesh(mesh: Any) -> tuple[Any, Any, Any, Any]:
-    if hasattr(mesh, "geometry"):  # a trimesh.Scene
-        mesh = mesh.to_mesh() if hasattr(mesh, "to_mesh") else mesh.dump(concatenate=True)
-    if not hasattr(mesh, "faces"):
-        raise InputError(f"expected a triangle mesh, found a trimesh.{type(mesh).__name__} without faces")
-    visual: Any = getattr(mesh, "visual", None)
-    kind, colors = getattr(visual, "kind", None), None
-    if kind == "texture":
-        colors = _of_trimesh_material(visual, len(mesh.vertices))
-    elif kind is not None:
-        colors = visual.vertex_colors
-    return mesh.vertices, mesh.faces, mesh.vertex_normals, colors
-
-
-def _of_trimesh_material(visual: Any, count: int) -> Any:
-    """(V, 3 or 4) sRGB of a trimesh TextureVisuals: its picture where it has one, else its factor, else None."""
-    material = visual.material
-    pictures = (getattr(material, name, None) for name in ("baseColorTexture", "image"))
-    if visual.uv is not None and any(each is not None for each in pictures):
-        return visual.to_color().vertex_colors
-    factor = getattr(material, "baseColorFactor", None)
-    if factor is not None:  # linear, as in glTF
-        return np.tile(srgb_from_linear(np.asarray(factor, np.float64)[:3] / 255.0), (count, 1))
-    plain = getattr(material, "diffuse", None)
-    return None if plain is None else np.tile(np.asarray(plain)[:3], (count, 1))
-
-
-def _of_open3d(mesh: Any) -> tuple[Any, Any, Any, Any]:
-    if hasattr(mesh, "vertex"):  # of tensors
-        mesh = mesh.to_legacy()
-    if not hasattr(mesh, "triangles"):
-        raise InputError(f"expected a triangle mesh, found an open3d {type(mesh).__name__}")
-    if not mesh.has_vertex_colors() and mesh.has_textures():
-        warnings.warn("an open3d mesh: its textures are not read; save it as .glb", DataWarning, stacklevel=3)
-    normals = mesh.vertex_normals if mesh.has_vertex_normals() else None
-    return mesh.vertices, mesh.triangles, normals, mesh.vertex_colors if mesh.has_vertex_colors() else None
-
-
-def _of_pyvista(data: Any) -> tuple[Any, Any, Any, Any]:
-    surface = data if hasattr(data, "faces") and hasattr(data, "triangulate") else data.extract_surface()
-    surface = surface.triangulate()
-    faces = np.asarray(surface.faces).reshape(-1, 4)[:, 1:]
-    normals = surface.point_data["Normals"] if "Normals" in surface.point_data else None
-    names = [name for name in COLOR_ARRAYS if name in surface.point_data]
-    return surface.points, faces, normals, surface.point_data[names[0]] if names else None

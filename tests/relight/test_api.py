@@ -151,19 +151,7 @@ def of_open3d():
     return mesh
 
 
-def of_tensors():
-    return o3d.t.geometry.TriangleMesh.from_legacy(of_open3d())
-
-
-def of_pyvista():
-    pyvista = pytest.importorskip("pyvista")
-    vertices, faces, colors = colored()
-    mesh = pyvista.PolyData.from_regular_faces(vertices, faces)
-    mesh.point_data["RGB"] = colors
-    return mesh
-
-
-@pytest.mark.parametrize("make", [of_trimesh, of_open3d, of_tensors, of_pyvista])
+@pytest.mark.parametrize("make", [of_trimesh, of_open3d])
 def test_meshes_of_other_libraries_are_lit_in_their_own_order(make):
     vertices, faces, colors = colored()
     scene = as_scene(make())
@@ -174,12 +162,6 @@ def test_meshes_of_other_libraries_are_lit_in_their_own_order(make):
     assert (outward > 0.9).all()
     white = Environment(np.ones((8, 16, 3), np.float32))
     np.testing.assert_allclose(Relighter(make(), "analytic").shade(white), 1.0, atol=1e-5)
-
-
-def test_polygons_of_pyvista_become_triangles():
-    pyvista = pytest.importorskip("pyvista")
-    scene = as_scene(pyvista.Cube())
-    assert scene.faces.shape == (12, 3) and (scene.colors_srgb == 255).all()
 
 
 @pytest.mark.parametrize("wrong", [3, None, np.zeros((4, 3)), o3d.geometry.PointCloud()])

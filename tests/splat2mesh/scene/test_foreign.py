@@ -1,9 +1,8 @@
-"""Meshes of other libraries: colours of their materials, and meshes far from the origin, which float32 would lose."""
+"""Meshes of other libraries far from the origin, which float32 would lose."""
 
 from dataclasses import replace
 
 import numpy as np
-import open3d as o3d
 import pytest
 from viewer_scenes import ball_on_plate
 
@@ -13,36 +12,6 @@ from relight.lamps.shapes import SphereLamp
 from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.scene.foreign import as_scene
 from splat2mesh.scene.mesh import Mesh
-
-
-def test_materials_of_trimesh_are_colours_of_vertices():
-    trimesh = pytest.importorskip("trimesh")
-    from PIL import Image
-
-    vertices, faces = np.float64([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]), [[0, 1, 2], [0, 2, 3]]
-    picture = np.uint8([[[10, 20, 30], [250, 130, 0]], [[255, 0, 0], [0, 90, 200]]])
-    uv = np.float64([[0.25, 0.25], [0.75, 0.25], [0.75, 0.75], [0.25, 0.75]])  # v upwards there
-
-    def colors(material):
-        made = trimesh.visual.TextureVisuals(uv=uv, material=material)
-        return as_scene(trimesh.Trimesh(vertices, faces, visual=made, process=False)).colors_srgb.tolist()
-
-    kinds = trimesh.visual.material
-    seen = picture[[1, 1, 0, 0], [0, 1, 1, 0]].tolist()
-    assert colors(kinds.PBRMaterial(baseColorTexture=Image.fromarray(picture))) == seen
-    assert colors(kinds.SimpleMaterial(image=Image.fromarray(picture))) == seen
-    assert colors(kinds.PBRMaterial(baseColorFactor=[255, 0, 55, 255])) == 4 * [[255, 0, 128]]  # linear .2157
-    assert colors(kinds.SimpleMaterial(diffuse=[255, 0, 55, 255])) == 4 * [[255, 0, 55]]
-    assert colors(kinds.PBRMaterial()) == 4 * [[255, 255, 255]]
-    both = trimesh.Trimesh(vertices, faces, process=False, face_colors=2 * [[9, 99, 199, 255]])
-    assert as_scene(both).colors_srgb.tolist() == 4 * [[9, 99, 199]]
-
-
-def test_textures_of_open3d_are_not_read_and_this_is_said():
-    mesh = o3d.geometry.TriangleMesh.create_box()
-    mesh.textures = [o3d.geometry.Image(np.zeros((2, 2, 3), np.uint8))]
-    with pytest.warns(DataWarning, match="textures are not read"):
-        assert (as_scene(mesh).colors_srgb == 255).all()
 
 
 def as_mesh(vertices, normals, faces, colors):
