@@ -14,7 +14,7 @@ from splat2mesh.base.kernels import kernel
 from splat2mesh.scene.color import luminance
 
 from ..lamps.emitters import Emitters
-from ..lamps.unoccluded import tube_rule, unoccluded
+from ..lamps.unoccluded import unoccluded
 from ..splats.attachment import Surface
 from ..transfer.occluder import Frame
 from .lamp_lobes import brightest, sees, target_of
@@ -44,7 +44,7 @@ def facing(
     total, shares = np.zeros(len(points)), np.zeros(len(chosen))
     for row, number in enumerate(chosen):
         found = np.zeros(len(points))
-        _facing(emitters, number, unit, *tube_rule(), found)
+        _facing(emitters, number, unit, found)
         lit = np.flatnonzero(found)
         found[lit] *= sees(target_of(emitters, number, frame, scene_from_splat), points[lit], normals[lit], surface)
         found *= float(luminance(emitters.color[number].astype(np.float64)))
@@ -68,8 +68,6 @@ def _facing(
     emitters: Emitters,
     e: int,
     points: NDArray[np.float64],
-    nodes: NDArray[np.float64],
-    weights: NDArray[np.float64],
     found: NDArray[np.float64],
 ) -> None:
     """Irradiance of surfaces at points, unit frame, that face emitter e, for radiance 1."""
@@ -77,4 +75,4 @@ def _facing(
         px, py, pz = points[i]
         dx, dy, dz = emitters.middle[e, 0] - px, emitters.middle[e, 1] - py, emitters.middle[e, 2] - pz
         length = max((dx * dx + dy * dy + dz * dz) ** 0.5, 1e-9)
-        found[i] = np.pi * unoccluded(emitters, e, px, py, pz, dx / length, dy / length, dz / length, nodes, weights)
+        found[i] = np.pi * unoccluded(emitters, e, px, py, pz, dx / length, dy / length, dz / length)

@@ -15,7 +15,7 @@ from splat2mesh.base.kernels import kernel
 from splat2mesh.scene.color import luminance
 
 from ..lamps.emitters import Emitters
-from ..lamps.unoccluded import tube_rule, unoccluded
+from ..lamps.unoccluded import unoccluded
 from ..splats.attachment import Surface
 from ..transfer.occluder import Frame
 from .mirrored import MirroredPixels
@@ -41,7 +41,7 @@ def lamp_lobes(
         return total
     for number in brightest(emitters, points):
         found = np.zeros(len(points))
-        _lobe(emitters, number, points, normals, toward, view.alpha.astype(np.float64), *tube_rule(), found)
+        _lobe(emitters, number, points, normals, toward, view.alpha.astype(np.float64), found)
         lit = np.flatnonzero(found)
         if not len(lit):
             continue
@@ -90,8 +90,6 @@ def _lobe(
     normals: NDArray[np.float64],
     toward: NDArray[np.float64],
     alpha: NDArray[np.float64],
-    nodes: NDArray[np.float64],
-    weights: NDArray[np.float64],
     found: NDArray[np.float64],
 ) -> None:
     """The light of emitter e that each point sends to the eye, for reflectance 1 and radiance 1."""
@@ -114,5 +112,5 @@ def _lobe(
         density = square / (math.pi * spread * spread)
         arriving = 2.0 * lit / (lit + math.sqrt(square + (1.0 - square) * lit * lit))
         leaving = 2.0 * seen / (seen + math.sqrt(square + (1.0 - square) * seen * seen))
-        facing = math.pi * unoccluded(emitters, e, px, py, pz, dx, dy, dz, nodes, weights)
+        facing = math.pi * unoccluded(emitters, e, px, py, pz, dx, dy, dz)
         found[i] = density * arriving * leaving / (4.0 * seen) * facing

@@ -22,7 +22,10 @@ from ..transfer.occluder import BATCH_RAYS, Occluder
 from ..transfer.sampling import hashed_offsets
 from .choosing import ALONE, Chosen, chosen_at
 from .emitters import Emitters
-from .unoccluded import BALL, aimed, directed, tube_rule, unoccluded
+from .unoccluded import BALL, aimed, directed, unoccluded
+
+DRAFT_RAYS = 32
+"""Rays to each lamp in half-shadows, where no plan has chosen."""
 
 PILOTS = 4
 """Rays that go first to an emitter of some size: a quarter of all, but at least so many. What they miss of a
@@ -109,7 +112,7 @@ def _add(lit: Lit, chosen: Chosen, rays: int, least: float, found: NDArray[np.fl
     emitters, (origins, normals, leaf, _) = lit.emitters, lit.places
     count = len(origins)
     light = np.zeros(chosen.emitters.shape, np.float32)
-    in_slices(_free, count, origins, normals, leaf, emitters, *chosen, np.float32(least), *tube_rule(), light)
+    in_slices(_free, count, origins, normals, leaf, emitters, *chosen, np.float32(least), light)
     row, slot = np.nonzero(light)
     vertex: NDArray[np.int32] = row.astype(np.int32)
     emitter: NDArray[np.int32] = chosen.emitters[row, slot]
@@ -163,8 +166,6 @@ def _free(
     taken: NDArray,
     weights: NDArray,
     least: float,
-    nodes: NDArray,
-    node_weights: NDArray,
     light: NDArray,
 ) -> None:
     """The unoccluded light of each chosen emitter at each vertex, for radiance 1, times its weight; 0 for less
@@ -184,7 +185,7 @@ def _free(
                     dx, dy, dz = emitters.place[e, 0] - px, emitters.place[e, 1] - py, emitters.place[e, 2] - pz
                     found *= directed(emitters, e, dx, dy, dz, np.sqrt(dx * dx + dy * dy + dz * dz))
             else:
-                found = unoccluded(emitters, e, px, py, pz, nx, ny, nz, nodes, node_weights)
+                found = unoccluded(emitters, e, px, py, pz, nx, ny, nz)
             if found * weights[v, k] * emitters.peak[e] > least:
                 light[v, k] = found * weights[v, k]
 
