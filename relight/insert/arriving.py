@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 from splat2mesh.base.arrays import Directions, Faces, Vector
 from splat2mesh.base.sphere import fibonacci_sphere
 
-from ..lamps.tracing import lamplight
-from .surroundings import LAMP_RAYS, Receiving, Surroundings, Together
+from ..lamps.tracing import DRAFT_RAYS, lamplight
+from .surroundings import Receiving, Surroundings, Together
 
 DIRECTIONS = 64
 """Directions of the light, evenly over the sphere: a surface faces half of them, so a shadow has steps of 3%."""
@@ -20,7 +20,8 @@ LOOKS = 8192
 """Rays from the middle of an object that find the light of those directions."""
 
 OWN_SUN = 0.1
-"""Share of the light from which a sun or lamp keeps a direction of its own; weaker ones join the nearest direction."""
+"""Share of the light from which a sun or lamp keeps a direction of its own; weaker ones join the nearest direction, or
+the harmonics of a page."""
 
 
 def light_at(around: Surroundings, place: Vector) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
@@ -56,7 +57,7 @@ def _single(around: Surroundings, place: Vector) -> tuple[Directions, NDArray[np
         lit = around.suns.weights * ~around.occluder.occluded(rays)[:, None]
     for way, each in zip(toward, emitters, strict=True):
         one = Receiving(np.array([place], np.float32), np.array([way], np.float32))
-        lit = np.concatenate([lit, np.pi * lamplight(Together(around.occluder, one), each, LAMP_RAYS)])
+        lit = np.concatenate([lit, np.pi * lamplight(Together(around.occluder, one), each, DRAFT_RAYS)])
     return np.concatenate([directions, np.reshape(toward, (-1, 3))]), lit
 
 

@@ -9,10 +9,7 @@ from splat2mesh.base.arrays import Faces, Floats, Integers, Mask, Points
 from splat2mesh.base.threads import ROWS_AT_ONCE
 from splat2mesh.scene.gltftextures import MappedTexture
 
-from .refine import carried, refined
-
-STEPS = 12
-"""Times that edges are halved at most: from a face of 4,096 texels a side to single ones."""
+from .refine import MOST_ROUNDS, carried, refined
 
 PARTS, LATER_PARTS = 6, 3
 """Into which each side of a face is cut to find both sides of a mask on it, first and in halved faces."""
@@ -88,11 +85,11 @@ def cut_out(surface: Masked, faces: Faces, most_faces: int) -> tuple[Faces, list
     """
     rounds: list[Integers] = []
     fine = surface
-    for step in range(STEPS + 1):
+    for step in range(MOST_ROUNDS + 1):
         weights = _lattice(LATER_PARTS if step else PARTS)
         share = fine.covered(faces, weights)
         coarse = (share > 0.0) & (share < 1.0) & (fine.texels(faces) > 1.0)
-        if not coarse.any() or len(faces) > most_faces or step == STEPS:
+        if not coarse.any() or len(faces) > most_faces or step == MOST_ROUNDS:
             break
         corners = fine.points[faces[coarse]].astype(np.float64)
         longest = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2).max()

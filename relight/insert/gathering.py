@@ -15,12 +15,12 @@ from splat2mesh.base.progress import Advance
 from splat2mesh.base.threads import in_slices
 from splat2mesh.render.raycaster import Hits, corner_weights
 
-from ..lamps.tracing import lamplight
+from ..lamps.tracing import DRAFT_RAYS, lamplight
 from ..transfer.occluder import BATCH_RAYS
 from ..transfer.sampling import fibonacci_azimuths, hashed_offsets, shoot, tangents, turned
 from ..transfer.sunlight import sunlight
 from .standing import ROOM, Standing
-from .surroundings import LAMP_RAYS, Receiving, Surroundings, Together
+from .surroundings import Receiving, Surroundings, Together
 
 OBJECT_RAYS = 256
 """Rays from each vertex of an object, in all directions."""
@@ -228,7 +228,7 @@ def _direct(around: Surroundings, occluder: Together, at: Receiving) -> NDArray[
     if len(around.suns):
         found += sunlight(occluder, slice(None), around.suns)
     if around.lamps is not None:
-        found += lamplight(occluder, around.lamps, LAMP_RAYS)
+        found += lamplight(occluder, around.lamps, DRAFT_RAYS)
     return found
 
 

@@ -19,7 +19,6 @@ from splat2mesh.splats.splats import Splats
 from ..albedo.seen import standing as eyes_of
 from ..splats import Binding
 from ..splats.binding import PIXELS
-from ..splats.floor_mirror import FloorMirror
 from ..splats.light_ratio import Usual
 from .gathering import Casting, change_at
 from .inserts import InsertedLight
@@ -45,24 +44,21 @@ WIDEST_DEG, LEAST_AWAY = 100.0, 1.2
 """Of those views, and their least distance from an object, in its radii."""
 
 
-def shadowed(light: InsertedLight, splats: Splats, floor: FloorMirror | None = None) -> Splats:
-    """The splats under the change of an InsertedLight. A splat that it does not reach keeps every bit.
-
-    floor: of `floor_under`, where it mirrors in the splats."""
+def shadowed(light: InsertedLight, splats: Splats) -> Splats:
+    """The splats under the change of an InsertedLight. A splat that it does not reach keeps every bit."""
     if not (light.ratio != 1.0).any():
         return splats
     with light.inserts.relighter.stages.stage("shadows on splats"):
-        return ShadowedSplats([light], splats, floor).under(light)
+        return ShadowedSplats([light], splats).under(light)
 
 
 class ShadowedSplats:
     """Splats bound to triangles that are finer where objects change the light in any of some poses.
 
-    poses: InsertedLight of each. splats: without the objects. floor: of `floor_under`, where it mirrors in the splats:
-    its reflections take the shadows on what it mirrors, and those on itself.
+    poses: InsertedLight of each. splats: without the objects.
     """
 
-    def __init__(self, poses: list[InsertedLight], splats: Splats, floor: FloorMirror | None = None) -> None:
+    def __init__(self, poses: list[InsertedLight], splats: Splats) -> None:
         scene, light = poses[0].inserts.relighter.scene, poses[len(poses) // 2]
         self._splats, self._scene = splats, scene
         radii = [radius for pose in poses for _, radius in pose.standing.spheres]
@@ -74,7 +70,7 @@ class ShadowedSplats:
         self._origins = carried(light.around.occluder.origins, self._rounds)
         mesh = Mesh(vertices, self._normals, faces, carried(scene.colors_srgb, self._rounds))
         finer = Scene([mesh], scene_from_splat=scene.scene_from_splat, capture=scene.capture)
-        self._binding = Binding(splats, finer, _views(light, finer)).mirroring(floor, finer)
+        self._binding = Binding(splats, finer, _views(light, finer))
 
     def under(self, light: InsertedLight) -> Splats:
         """The splats under the change of one of the poses, or a similar one. A splat that it does not reach keeps every

@@ -19,9 +19,6 @@ from ..light.suns import Suns
 from ..transfer import DEFAULT_BANDS
 from ..transfer.occluder import Frame, Occluder
 
-LAMP_RAYS = 32
-"""Rays to each lamp in half-shadows."""
-
 MOST_GLOWING = 20_000
 """Most faces of captured lamps that emit. Of more faces, every n-th emits, n times as bright."""
 

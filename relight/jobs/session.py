@@ -16,7 +16,6 @@ from ..engine.appearance import CHOICES
 from ..engine.by_hand import LightByHand, can_be_set
 from ..engine.light_mix import LightBeside
 from ..engine.placed import Placed
-from ..insert.polished import floor_under
 from ..lamps.asked import AskedLamp
 from ..lamps.color import WHITE
 from ..lamps.shapes import SphereLamp
@@ -38,7 +37,6 @@ if TYPE_CHECKING:
     from ..insert.asked import AskedInsert
     from ..insert.inserts import InsertedLight
     from ..splats import Binding
-    from ..splats.floor_mirror import FloorMirror
 
 
 def check_session(request: RelightRequest) -> None:
@@ -195,17 +193,13 @@ def _object_source(job: Job) -> ObjectSource:
     def exact(asked: "Sequence[AskedInsert]", now: ObjectsUnder, check: "Callable[..., None]") -> "InsertedLight":
         return inserts.moved(asked).under(surroundings_in(now, job.mix), now.received, check)
 
-    def floor(light: "InsertedLight", exposure: float) -> "FloorMirror | None":
-        return None if job.known.mirror is None else floor_under(job.known.mirror, light, exposure)
-
     return ObjectSource(
         asked=tuple(inserts.asked),
         received=_received_of(job),
         exact=exact,
         glimpse=lambda asked, before: inserts.moved(asked).glimpse(before),
-        floor=floor,
         drawn=lambda splats, light, exposure, view, samples: with_objects(
-            splats, light, PictureAsked(job.known.scene, view, exposure, samples), floor(light, exposure)
+            splats, light, PictureAsked(job.known.scene, view, exposure, samples)
         ),
         scene_from_splat=np.asarray(job.known.scene.scene_from_splat, np.float64),
     )

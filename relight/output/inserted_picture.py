@@ -14,12 +14,10 @@ from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.joining import joined
 from splat2mesh.splats.splats import SH_C0, Splats
 
-from ..insert.polished import images_of
 from ..light.tonemap import compress_highlights
 
 if TYPE_CHECKING:
     from ..insert.inserts import InsertedLight
-    from ..splats.floor_mirror import FloorMirror
 
 SAMPLES = 2
 """Along the side of a pixel."""
@@ -50,53 +48,35 @@ class PictureAsked(NamedTuple):
     samples: int = SAMPLES
 
 
-def with_objects(
-    splats: Splats, inserted: "InsertedLight", asked: PictureAsked, floor: "FloorMirror | None" = None
-) -> Splats:
-    """The splats with the objects as a picture shows them, in the frame of the splats. floor: of `floor_under`, which
-    shows images of the objects."""
+def with_objects(splats: Splats, inserted: "InsertedLight", asked: PictureAsked) -> Splats:
+    """The splats with the objects as a picture shows them, in the frame of the splats."""
     put_in = inserted.splats_put_in(asked.exposure)
     parts = [splats] if put_in is None else [splats, put_in]
-    parts += _drawn(inserted, asked, None)
-    if floor is not None:
-        parts += [] if put_in is None else [images_of(put_in, floor, asked.scene)]
-        parts += _drawn(inserted, asked, floor)
-    return joined(parts)
+    return joined(parts + _drawn(inserted, asked))
 
 
-def _drawn(inserted: "InsertedLight", asked: PictureAsked, floor: "FloorMirror | None") -> list[Splats]:
-    """Splats on the meshes among the objects that a picture shows, frame of the splats; none where it shows none.
-
-    floor: that shows images of them, which are drawn instead."""
+def _drawn(inserted: "InsertedLight", asked: PictureAsked) -> list[Splats]:
+    """Splats on the meshes among the objects that a picture shows, frame of the splats; none where it shows none."""
     scene, view, exposure, samples = asked
     standing, frame = inserted.standing, inserted.standing.frame
-    eye, points = view.center, standing.vertices.astype(np.float64)
-    if floor is not None:
-        eye, points = (_mirrored(each, floor) for each in (eye, points))
+    points = standing.vertices.astype(np.float64)
     (left, right), (top, bottom) = ((samples * low, samples * high) for low, high in _box(view, points))
     column, row = np.meshgrid((np.arange(left, right) + 0.5) / samples, (np.arange(top, bottom) + 0.5) / samples)
     seen = np.stack([(column - view.cx) / view.fx, (row - view.cy) / view.fy, np.ones_like(column)], -1).reshape(-1, 3)
     ways = seen @ view.camera_from_world[:3, :3]
-    met_by = ways if floor is None else ways - 2.0 * (ways @ floor.normal)[:, None] * floor.normal
     rays = np.empty((len(ways), 6), np.float32)
-    rays[:, :3], rays[:, 3:] = frame.unit(eye[None]), met_by
+    rays[:, :3], rays[:, 3:] = frame.unit(view.center[None]), ways
     hits = standing.caster.first_hits(rays)
     meshes = np.array([each.splat is None for each in standing.objects])
     met = np.flatnonzero(hits.faces >= 0)
     met = met[meshes[standing.owner[hits.faces[met]]]]
     depth = hits.distance[met].astype(np.float64) * frame.diagonal  # along the axis: the rays' third component is 1
     points = view.center + depth[:, None] * ways[met]
-    if floor is not None:
-        below = points @ floor.normal < floor.offset
-        met, depth, points = met[below], depth[below], points[below]
     if not len(met):
         return []
     weights = np.concatenate([1.0 - hits.uv[met].sum(axis=1, keepdims=True), hits.uv[met]], axis=1)
     radiance = np.einsum("nk,nkc->nc", weights, inserted.radiance[standing.faces[hits.faces[met]]])
-    shown = radiance * np.float32(exposure)
-    if floor is not None:
-        shown = (floor.own + floor.reflectance * shown).astype(np.float32)
-    color = srgb_from_linear(compress_highlights(shown))
+    color = srgb_from_linear(compress_highlights(radiance * np.float32(exposure)))
     back = np.linalg.inv(np.asarray(scene.scene_from_splat, np.float64))
     scale = float(np.cbrt(abs(np.linalg.det(back[:3, :3]))))
     size = SIZE * depth / (view.fx * samples) * scale
@@ -107,11 +87,6 @@ def _drawn(inserted: "InsertedLight", asked: PictureAsked, floor: "FloorMirror |
     scales = np.repeat(size[:, None], 3, axis=1).astype(np.float32)
     sh = ((color - 0.5) / SH_C0)[:, None].astype(np.float32)
     return [Splats(means, scales, quats, np.full(count, OPAQUE, np.float32), sh)]
-
-
-def _mirrored(points: NDArray[np.float64], floor: "FloorMirror") -> NDArray[np.float64]:
-    """Points (..., 3) at the other side of a floor."""
-    return points - 2.0 * (points @ floor.normal - floor.offset)[..., None] * floor.normal
 
 
 def _box(view: View, points: NDArray[np.float64]) -> tuple[tuple[int, int], tuple[int, int]]:

@@ -14,12 +14,10 @@ from splat2mesh.base.arrays import Radiance
 from splat2mesh.base.progress import Stages
 from splat2mesh.scene.color import luminance
 from splat2mesh.splats.formats import can_hold, kind_of, sog_writing, write_splats
-from splat2mesh.splats.joining import joined
 from splat2mesh.splats.splats import Splats
 
 from ..engine.assumed_light import assumed_change
 from ..gloss.scene_gloss import NewLight
-from ..insert.polished import floor_under, images_of
 from ..insert.shadowed import shadowed
 from ..light.environment import Environment
 from ..splats import write_relit_ply
@@ -35,7 +33,6 @@ if TYPE_CHECKING:
     from ..engine.appearance import Appearance
     from ..engine.relighter import Shaded, Shading
     from ..insert.inserts import InsertedLight
-    from ..splats.floor_mirror import FloorMirror
 
 SHAPES = {"means_l.webp", "means_u.webp", "quats.webp", "scales.webp", sog_writing.SHAPE}
 
@@ -47,15 +44,13 @@ class BoundSplats(NamedTuple):
     """Splats bound to their mesh, and what a light changes of them.
 
     binding: their Binding. before: (V, 3) captured irradiance over pi. far: what shows the sky, or None. gloss: takes
-    relit splats and a NewLight, and returns the splats with its reflections; None without. floor: returns the floor
-    that mirrors in them in the light on objects, at an exposure, or None.
+    relit splats and a NewLight, and returns the splats with its reflections; None without.
     """
 
     binding: Binding
     before: Radiance
     far: FarSplats | None = None
     gloss: Callable[[Splats, NewLight], Splats] | None = None
-    floor: "Callable[[InsertedLight, float], FloorMirror | None]" = lambda inserted, exposure: None
 
 
 class SplatLight(NamedTuple):
@@ -80,7 +75,7 @@ def relit(splats: BoundSplats, light: SplatLight, rounds: int = ROUNDS, stages: 
     if splats.gloss is not None and light.mirrored is not None:
         found = splats.gloss(found, light.mirrored)
     if light.inserted is not None:
-        found = shadowed(light.inserted, found, splats.floor(light.inserted, light.exposure))
+        found = shadowed(light.inserted, found)
     if splats.far is None or light.sky is None:
         return found
     with stages.stage("relight splats"):
@@ -133,21 +128,9 @@ class RelitSource:
         gloss, received = self._written.gloss, self.received(shaded.shading)
         mirrored = None if gloss is None else NewLight.of(shaded, received, self._written.lamp_light())
         shining = None if gloss is None else partial(gloss.relit, look)
-        bound = BoundSplats(self._written.binding(), look.irradiance, far, shining, self.floor_under)
+        bound = BoundSplats(self._written.binding(), look.irradiance, far, shining)
         under = SplatLight(received, exposure, mirrored, shaded.inserted, light, factor, usual)
         return relit(bound, under, stages=self._stages)
-
-    def floor_under(self, inserted: "InsertedLight", exposure: float) -> "FloorMirror | None":
-        """The floor that mirrors, in the light on objects; None without one. exposure: of the light."""
-        mirror = self._written.mirror()
-        return None if mirror is None else floor_under(mirror, inserted, exposure)
-
-    def put_in(self, inserted: "InsertedLight", exposure: float) -> Splats | None:
-        """The splats among the objects, and images of them in a floor that mirrors; None without."""
-        splats, floor = inserted.splats_put_in(exposure), self.floor_under(inserted, exposure)
-        if splats is None or floor is None:
-            return splats
-        return joined([splats, images_of(splats, floor, self._written.scene)])
 
     def without_objects(self, shaded: "Shaded") -> Splats:
         """The splats in the new light without what objects change in it."""

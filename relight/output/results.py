@@ -150,7 +150,7 @@ class Results:
                 with staged_file(into.path / INSERTED[0]) as staging:
                     staging.write_bytes(content)
             if "splat" in self._kinds and relit is not None:
-                splats = self._relit.put_in(shaded.inserted, shaded.exposure)
+                splats = shaded.inserted.splats_put_in(shaded.exposure)
                 if splats is not None:
                     append_splats(into.path / FILES["splat"], splats, relit.facts)
         if relit is None:
@@ -172,8 +172,7 @@ class Results:
         radiance = shaded.shading.radiance / shaded.inserted.ratio
         if self._splats is None:
             return lambda pose: self._mesh_with(pose, radiance, camera, light, shaded.exposure)
-        floor = self._relit.floor_under(shaded.inserted, shaded.exposure)
-        bound = ShadowedSplats(poses, self._relit.without_objects(shaded), floor)
+        bound = ShadowedSplats(poses, self._relit.without_objects(shaded))
         picture = self._new_picture(camera)
 
         def drawn(pose: "InsertedLight") -> NDArray[np.uint8]:
@@ -203,10 +202,7 @@ class Results:
         """A picture of relit splats with the inserted objects."""
         light = self._behind(shaded)
         if shaded.inserted is not None:
-            floor = self._relit.floor_under(shaded.inserted, shaded.exposure)
-            relit = with_objects(
-                relit, shaded.inserted, PictureAsked(self._scene, picture.view, shaded.exposure), floor
-            )
+            relit = with_objects(relit, shaded.inserted, PictureAsked(self._scene, picture.view, shaded.exposure))
         return picture.of_splats(relit, light, shaded.exposure * shaded.backdrop)
 
     def _new_picture(self, camera: dict[str, Any] | None) -> RelitPicture:

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
     from ..engine.by_hand import LightByHand
     from ..insert.inserts import InsertedLight
-    from ..splats.floor_mirror import FloorMirror
     from ..splats.grown_part import GrowingSurface
 
 
@@ -73,8 +72,8 @@ class ObjectSource(NamedTuple):
     asked: the objects at the start. received: returns the irradiance over pi (V, 3) of the scene for the radiance of
     an environment and its exposure. exact: the InsertedLight of objects under a light, with all rays; calls its
     last argument often, which may raise to end it. glimpse: the same with few rays, without bounces, with the light on
-    the objects from an exact one. floor: the floor that mirrors in the splats in an InsertedLight at an exposure, or
-    None. drawn: splats with the objects as a view in the frame of the scene shows them at an exposure; the last
+    the objects from an exact one. drawn: splats with the objects as a view in the frame of the scene shows them at an
+    exposure; the last
     argument is the number of samples along the side of a pixel. scene_from_splat: (4, 4).
     """
 
@@ -82,7 +81,6 @@ class ObjectSource(NamedTuple):
     received: Callable[[NDArray[np.float32], float], NDArray[np.floating]]
     exact: "Callable[[Sequence[AskedInsert], ObjectsUnder, Callable[..., None]], InsertedLight]"
     glimpse: "Callable[[Sequence[AskedInsert], InsertedLight], InsertedLight]"
-    floor: "Callable[[InsertedLight, float], FloorMirror | None]"
     drawn: "Callable[[Splats, InsertedLight, float, View, int], Splats]"
     scene_from_splat: NDArray[np.float64]
 

@@ -165,15 +165,13 @@ class RelitSplats:
         """The function that relights the splats as a session wants them now: all, or with 0 rounds what is quick."""
         look, state, mixture = self.source.looks[wanted.albedo], session.state, wanted.mixture
         light = session.answers.light
-        objects, mirrored = session.objects, _mirrored(session, wanted, look.gloss is not None)
+        mirrored = _mirrored(session, wanted, look.gloss is not None)
         own_sky = mixture is not None and mixture.keeps_sky
         sky_exposure, exposure = session.sky_exposure(), wanted.exposure
         receives = look.received if mixture is None else mixture.receives(look.received)
         bound = BoundSplats(binding, look.before, far, look.gloss)
         if not (state.sky or own_sky):
             bound = bound._replace(far=far._replace(choice="drop"))
-        if objects is not None:
-            bound = bound._replace(floor=objects.source.floor)
 
         def relit_now(rounds: int = ROUNDS) -> Splats:
             under = SplatLight(receives(wanted.radiance, exposure), exposure)
