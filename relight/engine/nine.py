@@ -9,14 +9,12 @@ from numpy.typing import NDArray
 from splat2mesh.base.errors import InputError
 from splat2mesh.scene.color import BLACK
 
+from ..albedo.captured import BOUNCE_RAYS, RAYS
 from ..options import LightingOptions
 from ..transfer import FEW_BANDS
 from ..transfer.bounces import Interreflection, transfer_with_bounces
 from ..transfer.settings import BOUNCES, SHADOWS, Settings
 from .relighter import Relighter
-
-RAYS, BOUNCE_RAYS = 64, 32
-"""Settings of the estimate of the captured light, whose traced results serve here."""
 
 
 def nine_coefficients(

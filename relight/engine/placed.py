@@ -17,7 +17,7 @@ from splat2mesh.scene.color import BLACK, luminance
 from ..albedo.division import DARKEST, LIGHTEST
 from ..lamps.emitters import Emitters, emitters_of
 from ..lamps.shapes import Lamp
-from ..lamps.tracing import LitVertices, Ordered, lamplight, ordered
+from ..lamps.tracing import DRAFT_RAYS, LitVertices, Ordered, lamplight, ordered
 from ..planning.bounce_plan import plan_first_bounce
 from ..planning.lamp_plan import RayPlan, plan_lamps
 from ..rooms.evenness import Evenness
@@ -32,8 +32,6 @@ if TYPE_CHECKING:
     from ..transfer.bounces import Interreflection
     from .appearance import Appearance
     from .relighter import Relighter
-
-DRAFT_RAYS = 32
 
 NEGLIGIBLE = 0.01
 """Part of the tolerance, of the median light of the capture, below which one lamp's light at a vertex is left out."""

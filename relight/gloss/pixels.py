@@ -7,13 +7,11 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Directions, Floats, Points
 from splat2mesh.render.raycaster import Hits, corner_weights
+from splat2mesh.surface.sight import LEAST_COSINE
 
 from ..splats.attachment import Surface
 from ..splats.blending import Blending
 from ..splats.looks import Looks
-
-LEAST_COSINE = 0.05
-"""Least cosine of a normal towards the eye: a mesh's normal may turn away where its face does not."""
 
 LIFT = 4e-3
 """Offset of reflected rays above the mesh, in diagonals, to avoid its noise."""

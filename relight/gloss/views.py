@@ -7,14 +7,14 @@ from splat2mesh.render.view import View
 from splat2mesh.scene.scene import Scene
 from splat2mesh.views.viewpoints import OUTER_FOV_DEG, even_directions
 
-from ..splats.binding import Binding
+from ..splats.binding import PIXELS, Binding
 from ..splats.looks import Looks
 
 GLANCE = 16
 """Views that are examined first and show whether anything may be glossy."""
 
-VIEWS, PIXELS = 40, 256
-"""Number of views of an object, and their side: 64 views or 384 pixels show no more of the light."""
+VIEWS = 40
+"""Number of views of an object: 64, or 384 pixels, show no more of the light."""
 
 LOWEST = 0.1
 """Sine of the elevation of the lowest: from -.15 on, the estimate of a table's captured light was a third worse."""

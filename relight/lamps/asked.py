@@ -29,8 +29,8 @@ from .shapes import (
 
 Unit: TypeAlias = Literal["picture", "EV", "lumen", "candela"]
 
-LARGEST_EV = 40.0
-"""2^40 is MOST_RADIANCE."""
+LARGEST_EV = float(math.ceil(math.log2(MOST_RADIANCE)))
+"""Stops up to MOST_RADIANCE."""
 
 LONGEST_NAME = 80
 

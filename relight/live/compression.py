@@ -30,7 +30,7 @@ CANDIDATES = 4
 REFITS = 2
 """Iterations in which rows choose again and components are refitted."""
 
-LARGEST = 127
+LARGEST = np.iinfo(np.int8).max
 """Weights and components are signed bytes."""
 
 ROUNDING = 0.02

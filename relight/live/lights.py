@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from splat2mesh.base.arrays import Floats, Radiance
 from splat2mesh.scene.color import luminance
 
+from ..insert.arriving import OWN_SUN
 from ..light import CAPTURED, SUN_TOLERANCE
 from ..light.environment import Environment
 from ..light.pooling import pooled
@@ -26,9 +27,6 @@ MOST_SUNS = 4
 
 NEAR_DEG = 3.0
 """Angle within which suns merge: half the width of a soft shadow edge of 10 bands."""
-
-LEAST_SUN = 0.1
-"""Least share of the light on a facing surface for a visible shadow; weaker suns join the harmonics."""
 
 
 class PortableLight(NamedTuple):
@@ -71,7 +69,7 @@ def captured_alone(factor: float, unit: float = 1.0) -> PortableLight:
 def light_of(environment: Environment, exposure: float, lamps: float = 0.0) -> PortableLight:
     """The Light of an Environment, as turned."""
     suns = split(environment, BANDS, SUN_TOLERANCE, MOST_SUNS)[1]
-    suns, least = _joined(suns), LEAST_SUN * np.pi * environment.mean_luminance
+    suns, least = _joined(suns), OWN_SUN * np.pi * environment.mean_luminance
     kept = luminance(suns.weights) > least
     suns = Suns(suns.directions[kept], suns.weights[kept])
     image = pooled(environment.radiance, IMAGE)

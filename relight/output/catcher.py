@@ -156,9 +156,9 @@ STEPS = np.linspace(-1.0, 1.0, 2001)
 """Even steps at which `_spread` is known where it is inverted."""
 
 
-def gathered_steps(count: int) -> NDArray[np.float32]:
-    """`_gathered` at `count` even steps from -1 to 1, as a table."""
-    return _gathered(np.linspace(-1.0, 1.0, count)).astype(np.float32)
+def gathered_steps() -> NDArray[np.float32]:
+    """`_gathered` at even steps from -1 to 1, half as wide as STEPS, as a table."""
+    return _gathered(np.linspace(-1.0, 1.0, 2 * len(STEPS) - 1)).astype(np.float32)
 
 
 def _gathered(position: NDArray) -> NDArray:

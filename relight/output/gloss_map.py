@@ -14,7 +14,7 @@ from splat2mesh.scene.glb import Glb, matt_white
 
 from .images import png_bytes
 
-_STEPS = 256
+_STEPS = np.iinfo(np.uint8).max + 1
 
 
 def glossy_white(file: Glb) -> Any:

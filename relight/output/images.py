@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.outputs import staged_file
+from splat2mesh.texture.glb import QUALITY
 
-_JPEG = {"quality": 92}
-IMAGES: dict[str, dict[str, Any]] = {".png": {}, ".jpg": _JPEG, ".jpeg": _JPEG, ".webp": {"quality": 90}}
+_LOSSY = {"quality": QUALITY}
+IMAGES: dict[str, dict[str, Any]] = {".png": {}, ".jpg": _LOSSY, ".jpeg": _LOSSY, ".webp": _LOSSY}
 """Kinds of pictures, by the end of their names, and how they are written."""
 
 

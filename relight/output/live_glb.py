@@ -29,7 +29,7 @@ FORMAT_VERSION = 1
 KEY = "relight_live"
 """Keys of the glTF scene's `extras` that the loaders need."""
 
-SNORM = 32767
+SNORM = np.iinfo(np.int16).max
 """Scale of 16-bit normalised integers: value = max(integer / 32767, -1)."""
 
 

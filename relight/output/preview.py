@@ -14,6 +14,7 @@ from splat2mesh.base.sphere import GOLDEN_TURN
 from splat2mesh.render.raycaster import RayCaster, corner_weights
 from splat2mesh.render.view import View
 from splat2mesh.scene.color import bytes_from_unit, linear_from_srgb, srgb_from_linear
+from splat2mesh.views.viewpoints import OUTER_FOV_DEG
 
 from ..light.tonemap import compress_highlights
 from ..transfer.occluder import BATCH_RAYS
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 
     from ..light.environment import Environment
 
-_FIELD_OF_VIEW_DEG = 40.0
+
 _AZIMUTH_DEG, _ELEVATION_DEG = 30.0, 20.0  # three-quarter view: from +z, turned towards +x, slightly above
 NOWHERE = 1e10
 """Depth of rays without a hit: far beyond any scene, and a number that all programs read."""
@@ -146,13 +147,13 @@ def default_camera(scene: "Scene", aspect: float = 4 / 3) -> dict:
     """
     azimuth, elevation = np.radians([_AZIMUTH_DEG, _ELEVATION_DEG])
     backward = [np.sin(azimuth) * np.cos(elevation), np.sin(elevation), np.cos(azimuth) * np.cos(elevation)]
-    way = View.look_at(backward, np.zeros(3), [0.0, 1.0, 0.0], _FIELD_OF_VIEW_DEG, 1200, round(1200 / aspect))
+    way = View.look_at(backward, np.zeros(3), [0.0, 1.0, 0.0], OUTER_FOV_DEG, 1200, round(1200 / aspect))
     view = way.holding(scene.vertices)
     return {
         "eye": view.center.tolist(),
         "target": (view.center + view.forward * scene.diagonal).tolist(),
         "up": [0.0, 1.0, 0.0],
-        "fov_deg": _FIELD_OF_VIEW_DEG,
+        "fov_deg": OUTER_FOV_DEG,
     }
 
 

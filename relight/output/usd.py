@@ -16,7 +16,7 @@ from splat2mesh.base.errors import InputError
 from splat2mesh.base.extras import needed
 from splat2mesh.base.outputs import staged_file
 from splat2mesh.splats.placing import placed
-from splat2mesh.splats.splats import Splats
+from splat2mesh.splats.splats import REACH, Splats
 
 from .images import write_exr
 from .lamps_glb import ShownLight
@@ -34,8 +34,6 @@ FILE, LIGHT = "relit_splat.usdc", "light.exr"
 COLOR_SPACE = "srgb_rec709_scene"
 """Colour space of the harmonics, in usd-core's names: sRGB, in which splats are trained and blended."""
 
-SEEN_TO = 3.0
-"""Standard deviations that a splat reaches, for its bounds."""
 
 _LARGEST_HALF = np.float32(np.finfo(np.float16).max)
 
@@ -103,7 +101,7 @@ def _define_splats(pxr: Any, stage: Any, looks: Mapping[str, Splats]) -> None:
     # From xyzw in memory, as numpy sees a quaternion of USD.
     field.CreateOrientationsAttr(vt.QuatfArray.FromNumpy(np.ascontiguousarray(first.quats_wxyz[:, [1, 2, 3, 0]])))
     field.CreateScalesAttr(vt.Vec3fArray.FromNumpy(first.scales))
-    reach = SEEN_TO * first.scales.max(axis=1, keepdims=True)
+    reach = REACH * first.scales.max(axis=1, keepdims=True)
     low, high = (first.means - reach).min(axis=0), (first.means + reach).max(axis=0)
     field.CreateExtentAttr(vt.Vec3fArray.FromNumpy(np.stack([low, high])))
     field.CreateSortingModeHintAttr("cameraDistance")

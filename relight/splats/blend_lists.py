@@ -20,10 +20,10 @@ LEAST_SHARE = np.float32(1 / 512)
 MOST_ITEMS = round(AREA / float(LEAST_SHARE))
 """Most shares of a tile; no pixel has more."""
 
-LARGEST = np.float32(255)
+LARGEST = np.float32(np.iinfo(np.uint8).max)
 """Shares are kept as their square roots in whole parts of it: within 9% at LEAST_SHARE, 0.4% at 1."""
 
-SHARES = (np.arange(256, dtype=np.float32) / LARGEST) ** 2
+SHARES = (np.arange(LARGEST + 1, dtype=np.float32) / LARGEST) ** 2
 """The shares that they are."""
 
 

@@ -26,6 +26,7 @@ from splat2mesh.surface.color import RenderedPicture, vertex_colors
 
 from ..albedo.seen import standing
 from ..transfer.store import Cache, array_key
+from .binding import PIXELS
 from .floor_mirror import FloorMirror, placed
 from .mirrored_places import seen_at
 from .mirrored_room import views_down
@@ -39,9 +40,6 @@ UNDER = 0.02
 
 LEVEL_ENOUGH = 0.5
 """Least cosine with the vertical of what counts as floor that is there."""
-
-PIXELS = 256
-"""Along a side of the pictures that colour the floor."""
 
 
 class _Patch(NamedTuple):

@@ -13,6 +13,7 @@ import scipy
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Indices, Mask, Points
+from splat2mesh.render.opacitygrid import BEFORE
 from splat2mesh.render.rasterize import rasterize
 from splat2mesh.render.raycaster import RayCaster
 from splat2mesh.render.view import View
@@ -48,9 +49,6 @@ PIXELS = 128
 OUTSIDE, AWAY, FIELD_DEG = 24, 1.2, 60.0
 """Eyes around an object whose capture positions are unknown, their distance in its diagonals, and their
 field of view."""
-
-SHORT = 0.98
-"""Part of the path to a splat that must be free for an eye to see it."""
 
 
 class Eyes(NamedTuple):
@@ -122,7 +120,7 @@ def _sees(caster: RayCaster, eyes: Points, points: Points) -> Mask:
     rays = np.empty((len(points), 6), np.float32)
     for number, eye in enumerate(eyes):
         rays[:, :3], rays[:, 3:] = eye, points - eye
-        found[number] = ~caster.occluded(rays, SHORT)
+        found[number] = ~caster.occluded(rays, BEFORE)
     return found
 
 

@@ -17,6 +17,7 @@ from splat2mesh.base.arrays import Indices, Mask, Points
 from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.cleaning import sound
 from splat2mesh.splats.splats import Splats
+from splat2mesh.surface.volume import SOLID
 
 from ..albedo.seen import standing
 from ..transfer.store import Cache, array_key
@@ -36,9 +37,6 @@ LEVELS = 3
 
 LEAST_EYES = 1.0 / 3.0
 """Least part of the eyes above a floor: half of those that were found can stand in a well captured mirror world."""
-
-SOLID = 0.1
-"""Opacity from which a Gaussian counts as something."""
 
 LEAST_COUNT, LEAST_PART = 300, 0.002
 """Gaussians of depth DEEP, and their part of all: fewer are scatter."""

@@ -34,7 +34,7 @@ MIN_ALPHA = 0.5
 CAUTION = 0.5
 """Pixels added to those that a Gaussian's correction is a mean of: who is hardly seen is hardly corrected."""
 
-UV_PARTS = np.float32(65535)
+UV_PARTS = np.float32(np.iinfo(np.uint16).max)
 """Weights of corners are whole parts of it: next to the noise of a mesh that is nothing."""
 
 

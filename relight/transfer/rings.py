@@ -18,7 +18,7 @@ WHOLE = 0.5
 """Where more than this part of the nodes would be averaged again, all are: to pick them out costs more than it
 saves."""
 
-_FAR = np.int8(127)
+_FAR = np.int8(np.iinfo(np.int8).max)
 
 
 class Rings(Neighbors):

@@ -13,12 +13,13 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.kernels import kernel
 from splat2mesh.render.raycaster import RayCaster
-from splat2mesh.scene.color import bytes_from_unit, linear_from_srgb, srgb_from_linear
+from splat2mesh.scene.color import linear_from_srgb
 from splat2mesh.scene.scene import Scene
 
 from ..light.environment import Environment
 from ..light.pooling import pooled
 from ..output.catcher import Catcher, GroundLight, gathered_steps
+from .quick import SRGB_BYTES
 
 if TYPE_CHECKING:
     from .lighting import SessionLight
@@ -29,13 +30,12 @@ SIDE = 64
 UNSEEN = 0.995
 """Share of the light that is no shadow: half a byte of a bright sky."""
 
-_GRID = 32, 64
+_GRID = SIDE // 2, SIDE
 """Rows and columns of a sky that casts shadows: its texels are narrower than a shadow's directions are apart."""
 
-_GATHERED = gathered_steps(4001)
-_LINEAR = linear_from_srgb(np.arange(256, dtype=np.float32) / np.float32(255.0)).astype(np.float32)
-_BYTES = bytes_from_unit(srgb_from_linear(np.arange(1 << 14, dtype=np.float32) / np.float32((1 << 14) - 1)))
-"""sRGB bytes of linear values in even steps, half a byte apart where it is darkest."""
+_GATHERED = gathered_steps()
+_BRIGHTEST = np.float32(np.iinfo(np.uint8).max)
+_LINEAR = linear_from_srgb(np.arange(_BRIGHTEST + 1, dtype=np.float32) / _BRIGHTEST).astype(np.float32)
 
 
 class StandingGround:
@@ -98,7 +98,9 @@ def shade_ground(picture: NDArray[np.uint8], face: NDArray, ways: NDArray, eye: 
         within = np.flatnonzero((cells >= there[0]) & (cells <= there[-1] + 1))
         sides += [2.0 * within[0] / (len(cells) - 1) - 1.0, 2.0 * within[-1] / (len(cells) - 1) - 1.0]
     box = np.array(sides, np.float32)
-    _shade(0, len(face), face, ways, place.astype(np.float32), box, 1 - shares, dark, cells, _LINEAR, _BYTES, picture)
+    _shade(
+        0, len(face), face, ways, place.astype(np.float32), box, 1 - shares, dark, cells, _LINEAR, SRGB_BYTES, picture
+    )
 
 
 @kernel

@@ -16,7 +16,7 @@ from ..light.tonemap import DESATURATION, SHOULDER_START
 _STEPS = 2**14
 """Of the table of the sRGB curve, whose steepest part rises by 0.2 bytes between two of them."""
 
-_TABLE = bytes_from_unit(srgb_from_linear(np.linspace(0.0, 1.0, _STEPS)))
+SRGB_BYTES = bytes_from_unit(srgb_from_linear(np.linspace(0.0, 1.0, _STEPS)))
 
 
 def harmonic_light(
@@ -48,7 +48,7 @@ def display_bytes(
     radiance = read_only(radiance)
     out = np.zeros(radiance.shape, np.uint8) if out is None else out
     constants = np.float32(exposure), np.float32(SHOULDER_START), np.float32(DESATURATION)
-    in_slices(_display, len(radiance), radiance, *constants, _TABLE, out)
+    in_slices(_display, len(radiance), radiance, *constants, SRGB_BYTES, out)
     return out
 
 

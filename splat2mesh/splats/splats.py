@@ -17,9 +17,11 @@ from .harmonics import DEGREE_OF_COEFFICIENTS, SH_C0, sh_basis_3dgs
 from .zorder import rows_along_curve
 
 # The 3DGS rasteriser skips a Gaussian where its alpha is below this: a fainter one never reaches a pixel.
-INVISIBLE_OPACITY = 1 / 255
+INVISIBLE_OPACITY = 1 / np.iinfo(np.uint8).max
 # Above this opacity a Gaussian counts as part of a surface, below it as haze about one.
 SOLID = 0.3
+# Standard deviations that a Gaussian reaches: beyond, its opacity is below 1/90 of that in its middle.
+REACH = 3.0
 # Squares of lengths, and sums of them, must stay far inside float32 (3.4e38).
 ABSURD_LENGTH = 1e15
 # A scale of exactly zero is an underflow of exp. Raised to this share of the splat's largest scale it still

@@ -18,16 +18,11 @@ from ..base.meshlibrary import open3d
 from ..base.threads import shared
 from ..render.rasterize import Rendering
 from ..render.view import View
-from ..splats.splats import Splats
+from ..splats.splats import REACH, Splats
+from .volume import NEIGHBORS
 
 DENSITY_LEVEL = 0.3
 """Density at which the surface lies: SuGaR's value."""
-
-NEIGHBORS = 16
-"""Gaussians that make up the density at a point: SuGaR's value."""
-
-SEARCH_SIGMAS = 3.0
-"""Search range along a ray about the rendered depth, in standard deviations of the nearest Gaussian along that ray."""
 
 STEPS = 21
 """Samples of the density in that range."""
@@ -68,7 +63,7 @@ class DensityField:
         """First entries of rays into the level set near given points.
 
         points: (P, 3), on the rays, at the rendered depth. directions: (P, 3) unit, away from the eye.
-        Returns SurfacePoints of the rays that enter it within SEARCH_SIGMAS; normals are those of the field's gradient.
+        Returns SurfacePoints of the rays that enter it within REACH; normals are those of the field's gradient.
         """
         local = (points - self._origin).astype(np.float32, order="C")
         count = min(NEIGHBORS, self._tree.n)
@@ -158,7 +153,7 @@ def _enter_level(
         for axis in range(3):
             turned = rotations[n, 0, axis] * dx + rotations[n, 1, axis] * dy + rotations[n, 2, axis] * dz
             variance += (turned * scales[n, axis]) ** 2
-        reach = SEARCH_SIGMAS * math.sqrt(variance)
+        reach = REACH * math.sqrt(variance)
         before = math.inf
         for step in range(STEPS):
             t = reach * (2.0 * step / (STEPS - 1) - 1.0)

@@ -11,7 +11,7 @@ import numpy as np
 from ..base.arrays import DepthMap, Floats
 from ..render.opacityfield import FieldDepth
 from ..render.view import View
-from ..splats.splats import Splats
+from ..splats.splats import REACH, Splats
 from ..surface.extract import PROBE_PIXELS, PROBES, dilated
 from ..surface.place import PLACE
 from ..surface.sight import FusionSight, Sighting
@@ -20,9 +20,6 @@ from .plan import CARVE, INFLUENCE, RING, CityPlan, grown
 from .stations import stations_of
 from .store import Store
 from .survey import splats_of
-
-EXTENT = 3.0
-"""Reach of a splat, in units of its largest scale: its opacity is 1/90 there."""
 
 DEEPEST = 8
 """Blocks along z by which a point may miss what a pixel shows and take its colour: 14 along the ray in the corner of a
@@ -56,7 +53,7 @@ def look(store: Store, key: str, tile: int, sources: dict[int, list[int]]) -> di
     for number, (view, plane) in enumerate(zip(views, near, strict=True)):
         if number % 6 == 0:  # views of one station
             away = np.linalg.norm(splats.means - view.center.astype(np.float32), axis=1)
-            reached = splats.take(np.flatnonzero(away <= known.reach + EXTENT * sizes))
+            reached = splats.take(np.flatnonzero(away <= known.reach + REACH * sizes))
         _, seen, thickness = Sighting.taken(reached, view, plane, known.level)
         rays = np.linalg.norm(view.ray_directions(), axis=-1)
         with np.errstate(invalid="ignore"):

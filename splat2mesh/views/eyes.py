@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.arrays import Vector
-from ..base.sphere import level_axes
+from ..base.sphere import GOLDEN_TURN, level_axes
 from ..render.view import View
 
 FOV_DEG = 92.0
@@ -16,7 +16,7 @@ FOV_DEG = 92.0
 NEAR = 0.3
 """Near plane of an eye, over its distance from the nearest surfaces."""
 
-GOLDEN = np.pi * (3 - np.sqrt(5))
+GOLDEN = 2 * np.pi * (1 - GOLDEN_TURN)
 """Each eye's cube is turned by this against the one before, so that their seams fall on different places."""
 
 

@@ -10,7 +10,7 @@ from ..render.beside import WIDTH
 from ..render.raycaster import RayCaster
 from ..render.view import View
 from .eyes import Eye
-from .viewpoints import PICTURE_ASPECT, PICTURE_TURNS
+from .viewpoints import OBJECT_SKETCH, PICTURE_ASPECT, PICTURE_TURNS
 
 FOV_DEG = 70.0
 """Horizontal angle of the picture."""
@@ -21,9 +21,6 @@ ROWS = round(COLUMNS / PICTURE_ASPECT)
 
 TILTS_DEG = -6.0, -18.0
 """Directions tried from each eye: all around, a little and clearly downwards, as people look at places."""
-
-SAMPLED = 20_000
-"""Vertices that stand for all: what was captured closely has many of them."""
 
 ROOMY = 0.35
 """Distance, in units of the typical one, that the nearest twentieth of a good picture has at least."""
@@ -46,7 +43,7 @@ def place_view(
     candidate's worth is the share of vertices that it shows, times how far away its nearest surfaces are.
     """
     rng = np.random.default_rng(0)
-    points = vertices[rng.choice(len(vertices), min(SAMPLED, len(vertices)), replace=False)].astype(np.float64)
+    points = vertices[rng.choice(len(vertices), min(OBJECT_SKETCH, len(vertices)), replace=False)].astype(np.float64)
     views = _candidates(eyes, trained, np.asarray(up, np.float64))
     depths = [depth_in(view) for view in views]
     met = np.concatenate([depth[np.isfinite(depth)] for depth in depths])
