@@ -6,12 +6,12 @@ from numpy.typing import NDArray
 from splat2mesh.base.arrays import Floats
 
 from .fits import PatchFits
-from .material import DEGREE
+from .material import DEGREE, GLOSS
 
 START_RIDGE = 0.03 + 0.006 * DEGREE**2
 
-HINT, HINTS = 0.2, 2
-"""How much of one half of a patch's places the light fitted to the other half explains, and in how many patches, for
+HINTS = 2
+"""Patches of which the light fitted to one half of the places must explain GLOSS.sure_explained of the other half, for
 more pictures to be worth their time: .41 in the second patch of a trained glossy table, .13 and .14 of two matt trained
 objects."""
 
@@ -20,7 +20,7 @@ def hints_at_gloss(fits: PatchFits) -> bool:
     """Whether anything may be glossy at all."""
     rows = np.flatnonzero(fits.informative)
     alone = _alone(fits.gram[rows][:, :, 0], fits.moments[rows][:, :, 0], fits.power[rows].sum(axis=(1, 2)))
-    return bool(np.count_nonzero(alone > HINT) >= HINTS)
+    return bool(np.count_nonzero(alone > GLOSS.sure_explained) >= HINTS)
 
 
 def _alone(gram: NDArray[np.float64], moments: NDArray[np.float64], power: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -37,7 +37,7 @@ LEVELS = 160.0 * 0.5 ** np.arange(7)  # where luminance is cut off, over its mea
 _OPENING_DEG = 2.0  # narrower patches are cut down to what surrounds them, wider ones to the level
 _FALL = 4  # a texel at twice the level keeps 1/16 of its light or what is around it; a sun keeps 1e-9 or less
 _POINT_DEG = 2.0  # a bright texel with dark ones around it is a point, unless it is higher than this
-_PARTS = 8  # a side of each texel at most; a sun's disc may be one texel
+PARTS = 8  # a side of each texel at most; a sun's disc may be one texel
 _PART_ENERGY = 1.0 / 1024  # of the light, in each part of a texel: well below what one sun holds
 _POOL_HEIGHT = 512  # rows of finer images are pooled to so many, of 0.35 degrees: less than the solar disc
 _LLOYD_ROUNDS = 5  # the largest errors come down by up to a tenth, the mean by 2%
@@ -253,7 +253,7 @@ def _spots(row: Indices, column: Indices, excess: Radiance, shape: tuple[int, in
             near += np.roll(bright, (down, right), axis=(0, 1))
     alone = near[row + 1, column] == 1
     alone &= height * _POINT_DEG >= 180.0
-    parts = np.clip(np.ceil(np.sqrt(luminance(weights) / part_energy)), 1, _PARTS).astype(int)
+    parts = np.clip(np.ceil(np.sqrt(luminance(weights) / part_energy)), 1, PARTS).astype(int)
     parts[alone] = 1
     found = []
     for count in np.unique(parts):

@@ -8,10 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Faces, Floats, Indices, Matrix4, Points
+from splat2mesh.base.choices import DEFAULT_VERTICES
 from splat2mesh.base.errors import InputError
 from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.splats import SOLID, Splats
 from splat2mesh.surface.decimate import decimate
+from splat2mesh.views.viewpoints import FEW, box_of
 
 from ..light.environment import Environment
 from ..splats.binding import Binding
@@ -39,17 +41,8 @@ if TYPE_CHECKING:
 BYTES_TOLERANCE = 0.03
 """Default relative error of the light that the bytes may add: 1.3% of a display value."""
 
-PROXY_VERTICES = 50_000
-"""Triangles of the mesh that occludes suns, blocks a walker and receives shadows: 1.8 MB."""
-
 FIRST_FOV_DEG = 60.0
 """Field of view along the longer side of the window, for objects."""
-
-LEAST_SOLID = 100
-"""Opacity of the splats that bound an object, and their least number; with fewer, its mesh bounds it."""
-
-STRAY_PERCENTILES, BOX_MARGIN = (0.5, 99.5), 0.02
-"""Splats beyond these percentiles along an axis are strays; the margin of the box, in diagonals."""
 
 
 class Live(NamedTuple):
@@ -164,7 +157,7 @@ def live_of(
         foliage = shown.lit.precomputed.foliage if settings.volume else None
         surface = surfaces(binding, splats.means, scene, response.own, kinds, foliage)
         mesh = shown.lit.scene
-        vertices, faces = decimate(mesh.vertices.astype(np.float64), mesh.faces, PROXY_VERTICES)
+        vertices, faces = decimate(mesh.vertices.astype(np.float64), mesh.faces, DEFAULT_VERTICES)
     near = splats.means[binding.lit & (kinds != SKY)]
     return Live(
         splats=splats.take(order),
@@ -269,17 +262,15 @@ def first_view(scene: Scene, splats: Splats, vertices: Points) -> dict[str, Any]
     }
 
 
-def _captured_box(scene: Scene, splats: Splats, vertices: Points) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Lowest and highest corner (3,) of the capture, scene frame, without far background and stray splats."""
+def _captured_box(scene: Scene, splats: Splats, vertices: Points) -> NDArray[np.float64]:
+    """Lowest and highest corner (2, 3) of the capture, scene frame, without far background and stray splats."""
     near = (splats.opacities > SOLID) & np.isfinite(splats.means).all(axis=1)
     near[scene.background_splats] = False
     points = vertices
-    if near.sum() >= LEAST_SOLID:
+    if near.sum() > FEW:
         matrix = np.asarray(scene.scene_from_splat, np.float64)
         points = splats.means[near] @ matrix[:3, :3].T + matrix[:3, 3]
-    low, high = np.percentile(points, STRAY_PERCENTILES, axis=0)
-    margin = BOX_MARGIN * float(np.linalg.norm(high - low))
-    return low - margin, high + margin
+    return box_of(points)
 
 
 def spatial_order(splats: Splats) -> Indices:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from splat2mesh.render.raycaster import RayCaster
 from splat2mesh.views.viewpoints import even_directions
 
+from ..insert.standing import ROOM
 from ..light.projections import row_solid_angles, texel_directions
 from ..live.ground import ShadowedGround
 
@@ -33,9 +34,6 @@ lie 6.5 degrees apart, which softens every shadow by as much."""
 
 BLUR = 0.8
 """Standard deviation, in points, by which shadows are smoothed: the ground's points leave no stairs."""
-
-BESIDE = 1.01
-"""Radius of a sphere around the object, in radii of it: rays that miss it are not traced."""
 
 LIFT = 1e-3
 """Height above the ground, in radii, from which rays start: the object's own underside hides all, not a part."""
@@ -64,7 +62,7 @@ class Catcher:
         self._open = np.empty((len(self._directions), side * side), bool)
         middle = np.asarray(0.5 * (low + high), np.float64)
         offsets = middle - rays[:, :3]
-        beside = np.square(offsets).sum(axis=1) - (BESIDE * self._radius) ** 2
+        beside = np.square(offsets).sum(axis=1) - (ROOM * self._radius) ** 2
         for index, direction in enumerate(self._directions):
             near = np.flatnonzero(np.square(offsets @ direction) > beside)  # rays past the whole object meet nothing
             rays[:, 3:] = direction

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from splat2mesh.render.footprints import MAX_ALPHA
 from splat2mesh.render.view import View
 from splat2mesh.scene.color import srgb_from_linear
 from splat2mesh.scene.scene import Scene
@@ -25,15 +26,13 @@ SAMPLES = 2
 SIZE = 0.45
 """Standard deviation of such a splat, in its sample's width: they overlap without a gap."""
 
-OPAQUE = 0.99
-
 FIELD_DEG, AWAY = 55.0, 4.5
 """The picture of an object: its field of view, and its preferred distance, in radii of the object."""
 
 ABOVE = 0.35
 """How far above an object people look from, over their distance: what an eye is below that counts against it."""
 
-TOO_FAR, NOT_CAPTURED = 0.15, 0.15
+WORSE = 0.15
 """Share of the object and its surroundings that must show more from an eye that is e times too far or too near, and
 from one where the capture did not stand."""
 
@@ -86,7 +85,7 @@ def _drawn(inserted: "InsertedLight", asked: PictureAsked) -> list[Splats]:
     means = (points @ back[:3, :3].T + back[:3, 3]).astype(np.float32)
     scales = np.repeat(size[:, None], 3, axis=1).astype(np.float32)
     sh = ((color - 0.5) / SH_C0)[:, None].astype(np.float32)
-    return [Splats(means, scales, quats, np.full(count, OPAQUE, np.float32), sh)]
+    return [Splats(means, scales, quats, np.full(count, MAX_ALPHA, np.float32), sh)]
 
 
 def _box(view: View, points: NDArray[np.float64]) -> tuple[tuple[int, int], tuple[int, int]]:
@@ -115,9 +114,9 @@ def camera_of(inserted: "InsertedLight", scene: Scene, points: NDArray | None = 
     stood = np.asarray(scene.capture.get("eyes", ()), np.float64).reshape(-1, 3)
     eyes = np.concatenate([stood, _above(stood, center, AWAY * radius)])
     distance = np.maximum(np.linalg.norm(eyes - center, axis=1), 1e-9)
-    worth = _share_seen(inserted, eyes, _about(low, high)) - TOO_FAR * np.abs(np.log(distance / (AWAY * radius)))
+    worth = _share_seen(inserted, eyes, _about(low, high)) - WORSE * np.abs(np.log(distance / (AWAY * radius)))
     worth -= np.maximum(ABOVE - (eyes[:, 1] - center[1]) / distance, 0.0)
-    worth[len(stood) :] -= NOT_CAPTURED
+    worth[len(stood) :] -= WORSE
     worth[distance < 2.0 * radius] = -np.inf
     best = int(np.argmax(worth))
     fov = float(np.clip(2.0 * np.degrees(np.arctan(2.2 * radius / distance[best])), 15.0, FIELD_DEG))

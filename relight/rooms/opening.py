@@ -9,11 +9,11 @@ from splat2mesh.scene.scene import Scene
 
 from ..transfer.occluder import Frame, Occluder
 from .interior import within
-from .seen import ceiling_level
+from .seen import UNEVEN, ceiling_level
 
-MARGIN = 0.2
+MARGIN = 2.0 * UNEVEN
 """Share of the way from the eyes to the ceiling: what hangs further below it is not part of it. Ceilings of trained
-rooms are uneven by a tenth of their height."""
+rooms are uneven by half of that."""
 
 
 def without_ceiling(scene: Scene, occluder: Occluder) -> Scene:

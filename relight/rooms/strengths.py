@@ -42,8 +42,8 @@ parts keeps to COLOR, or windows take up the errors of a mesh as a tint."""
 LEAST_OWN = 1e-4
 """Part of PATCH_COLOR^2 by which the mean colour of the parts may differ from that of the whole."""
 
-STRENGTH = 2e-3
-"""Weight of the prior on how emitters differ, against a mean over pairs of places."""
+WEIGHT = 10.0
+"""Of the prior on how emitters differ, over `pair_fit.STRENGTH`."""
 
 STIFF = 1e3
 """Extra stiffness of the prior on the common brightness of all emitters: pairs of a scanned office would rather have no
@@ -181,7 +181,7 @@ def _prior(places: RoomIrradiance, stiff: float = STIFF) -> NDArray[np.float64]:
     beside = own - 1.0 / max(count - lamps, 1)
     color = precision(COLOR, PATCH_COLOR, beside @ alike @ beside + LEAST_OWN * own)
     parts = np.kron(gray, bright) + np.kron(np.eye(3) - gray, color)
-    return parts * (STRENGTH / pair_fit.STRENGTH)
+    return parts * WEIGHT
 
 
 def _common(places: RoomIrradiance) -> NDArray[np.float64]:

@@ -27,7 +27,8 @@ SOFTNESS = 0.1
 """Of the median irradiance: where less than this arrived, the mean change weighs more than the place's own. It gains
 0.1 dB on a tabletop and costs an object 0.2; 0.4 costs that one 2 dB."""
 
-LEAST, MOST = 1e-4, 1e4
+LEAST = 1e-4
+MOST = 1.0 / LEAST
 """Range of a light ratio: a display can show no more."""
 
 BURNING = 0.926

@@ -14,6 +14,7 @@ from splat2mesh.scene.color import luminance
 from ..light import projections
 from ..light.environment import Environment
 from ..light.projections import texel_parts
+from ..light.sun_split import PARTS
 from ..light.suns import Suns
 from . import MAX_RAYS
 from .occluder import BATCH_RAYS, Occluder
@@ -21,8 +22,6 @@ from .sunlight import sunlight
 from .volume import Foliage
 
 DEFAULT_DIRECTIONS = 8192
-
-_MAX_SPLIT = 8  # a side of each texel: its parts are 1/64 of it
 
 
 def reference(
@@ -71,7 +70,7 @@ def light_directions(environment: Environment, count: int) -> Suns:
     for start in range(0, height, rows):
         block = image[start : start + rows].astype(np.float64)
         energy = _energy(block, start, height)
-        split = np.clip(np.ceil(np.sqrt(energy / share)), least, max(_MAX_SPLIT, least)).astype(int)
+        split = np.clip(np.ceil(np.sqrt(energy / share)), least, max(PARTS, least)).astype(int)
         for parts in np.unique(split[energy > 0.0]):
             row, column = np.nonzero((split == parts) & (energy > 0.0))
             toward, area = texel_parts(row + start, column, height, width, parts)

@@ -33,9 +33,6 @@ VERSION = 5
 
 FOLDER = "cache"
 
-MOST_OF_A_KIND = 6
-"""Files of a kind, such as transfer; the one not used for longest goes first."""
-
 LARGEST = 1 << 34
 """Bytes of the arrays of one file: the transfer of 5 million vertices in 10 bands has 2 GB."""
 
@@ -124,7 +121,6 @@ class Cache:
             with staged_file(self._path(self.folder, kind, settings)) as staging, open(staging, "wb") as file:
                 kept: dict[str, Any] = {"key": np.array(self._key), "settings": np.array(_as_json(settings)), **arrays}
                 np.savez(file, **kept)  # not waited for: a torn one counts as not there
-            self._forget(self.folder, kind)
             self._fit()
 
     def drop(self, kind: str, *settings: object) -> None:
@@ -189,12 +185,6 @@ class Cache:
         except (OSError, ValueError, KeyError, MemoryError):  # whatever is wrong with it, it can be computed again
             return None
         return found
-
-    def _forget(self, folder: Path, kind: str) -> None:
-        """Remove what is older than the newest few of a kind."""
-        files = sorted(folder.glob(f"{kind}-*.npz"), key=lambda path: path.stat().st_mtime, reverse=True)
-        for path in files[MOST_OF_A_KIND:]:
-            path.unlink(missing_ok=True)
 
 
 def _as_json(settings: tuple[object, ...]) -> str:

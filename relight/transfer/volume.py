@@ -38,7 +38,7 @@ THROUGHOUT = 0.5
 side of a plant is lit. Relit splats of two gardens whose light is known, in dB: 27.8 and 24.7 as surfaces, 27.7 and
 24.9 so, 26.9 and 24.7 as nothing but volumes."""
 
-WHOLLY = 0.98
+WHOLLY = 1.0 - LEAST
 """Volume share from which a vertex is only a volume, and needs no rays."""
 
 DIRECTIONS = tuple(2**power for power in range(7, 12))

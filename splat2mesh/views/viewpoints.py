@@ -77,7 +77,12 @@ CHOICE = 0.75
 def bounds_of(splats: Splats) -> NDArray[np.float64]:
     """The box that holds the solid part of a splat: (2, 3) float64; stray floaters and far background lie outside."""
     solid = splats.means[splats.opacities > SOLID]
-    low, high = np.percentile(solid if len(solid) > FEW else splats.means, [0.5, 99.5], axis=0)
+    return box_of(solid if len(solid) > FEW else splats.means)
+
+
+def box_of(points: Points) -> NDArray[np.float64]:
+    """The box (2, 3) of points (N, 3) without strays, with a margin."""
+    low, high = np.percentile(points, [0.5, 99.5], axis=0)
     margin = 0.02 * np.linalg.norm(high - low) + 1e-12
     return np.stack([low - margin, high + margin]).astype(np.float64)
 

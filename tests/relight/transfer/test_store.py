@@ -8,7 +8,7 @@ import pytest
 from plan_scenes import corner, turned
 
 from relight.transfer import store
-from relight.transfer.store import MOST_OF_A_KIND, Cache, array_key, geometry_key
+from relight.transfer.store import Cache, array_key, geometry_key
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene
 
@@ -162,20 +162,6 @@ def test_writers_at_once_leave_one_whole_file(tmp_path):
     reader.join()
     assert not failures and kept.get("transfer", 1)["first"].shape == (20_000,)
     assert [path.name for path in tmp_path.iterdir()] == ["transfer-1.npz"]
-
-
-def test_few_files_of_a_kind_stay_and_those_are_the_latest_used(tmp_path):
-    kept = Cache(tmp_path, "geometry")
-    for number in range(MOST_OF_A_KIND):
-        kept.put("transfer", number, **ARRAYS)
-        path = tmp_path / f"transfer-{number}.npz"
-        os.utime(path, (1e9 + number, 1e9 + number))
-    kept.put("light", 0, **ARRAYS)
-    assert kept.get("transfer", 0) is not None  # used: now it is the newest
-    kept.put("transfer", "new", **ARRAYS)
-    there = {name for (name,) in kept.settings_of("transfer")}
-    assert there == {0, "new", *range(2, MOST_OF_A_KIND)}
-    assert kept.settings_of("light") == [(0,)]
 
 
 def test_a_small_scene_keeps_less_and_what_was_not_used_for_longest_goes_but_the_newest_of_each_kind(
