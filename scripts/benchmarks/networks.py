@@ -15,8 +15,9 @@ from relight import Environment
 from relight.sh.cga import vertex_motors
 from relight.transfer.analytic import analytic
 from relight.transfer.neuralgash import BATCH, MODEL, UnitFrame, neural_gash
-from relight.transfer.raytraced import raytraced, raytraced_scene
+from relight.transfer.raytraced import raytraced_scene
 from relight.transfer.sessions import open_session
+from scenes.plain_rays import raytraced
 
 BANDS = 3  # that the network has
 MOST_IN_FULL = 100_000

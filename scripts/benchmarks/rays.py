@@ -26,8 +26,10 @@ from relight.transfer import DEFAULT_BANDS, DEFAULT_RAYS, consensus, sampling
 from relight.transfer.analytic import analytic
 from relight.transfer.filtering import NOISE_POWER, average, steps_for
 from relight.transfer.neighbors import Neighbors
-from relight.transfer.raytraced import BATCH_RAYS, raytraced, raytraced_scene
+from relight.transfer.occluder import BATCH_RAYS
+from relight.transfer.raytraced import raytraced_scene
 from relight.transfer.visibility import Visibility
+from scenes.plain_rays import raytraced
 from splat2mesh.base import sphere
 
 EVERY = slice(None)

@@ -13,11 +13,11 @@ from scipy.spatial.transform import Rotation
 
 from relight import Environment
 from relight.transfer.occluder import Occluder
-from relight.transfer.raytraced import raytraced
 from scenes import KINDS, SceneTruth, bake, build, capture_views, exposure, seen_faces, shapes, splats_from
 from scenes.__main__ import main
 from scenes.cameras import FLIP, SCENE_FROM_SPLAT, write_colmap
 from scenes.figure import grown
+from scenes.plain_rays import raytraced
 from scenes.splat import _from_z_to, _then_about_axis
 from splat2mesh.base.errors import InputError
 from splat2mesh.render.rasterize import rasterize

@@ -12,9 +12,9 @@ from relight.light.sun_split import split
 from relight.light.suns import Suns
 from relight.transfer import sunlight as sunlight_module
 from relight.transfer.occluder import Occluder
-from relight.transfer.raytraced import raytraced
 from relight.transfer.reference import reference
 from relight.transfer.sunlight import sunlight
+from scenes.plain_rays import raytraced
 from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.base.sphere import fibonacci_sphere
 

@@ -17,7 +17,7 @@ from relight.transfer.bounces import (
     with_bounces,
 )
 from relight.transfer.occluder import Occluder
-from relight.transfer.raytraced import raytraced
+from scenes.plain_rays import raytraced
 from splat2mesh.base.errors import InputError
 
 EVERY = slice(None)

@@ -6,8 +6,8 @@ from plan_scenes import ball, mesh_of, occluder_of, sphere, sphere_on_plane
 
 from relight.transfer import consensus, sampling
 from relight.transfer.occluder import Occluder
-from relight.transfer.raytraced import raytraced
 from relight.transfer.visibility import Visibility
+from scenes.plain_rays import raytraced
 from splat2mesh.base import threads
 from splat2mesh.scene.scene import Scene
 

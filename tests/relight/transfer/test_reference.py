@@ -8,8 +8,8 @@ from relight import Environment
 from relight.light.projections import row_solid_angles, texel_directions
 from relight.sh import harmonics
 from relight.transfer.occluder import Occluder
-from relight.transfer.raytraced import raytraced
 from relight.transfer.reference import light_directions, reference
+from scenes.plain_rays import raytraced
 from splat2mesh.base.errors import InputError
 
 EVERY = slice(None)
