@@ -144,7 +144,6 @@ def parser() -> argparse.ArgumentParser:
     lamps += "place on it in the frame of the splat (1=off,at=1.2,2.0,-.4=off) "
     lamps += f"(default: {LightingOptions.lamps})"
     add("--lamps", metavar="keep|off|FACTOR|1=off,at=X,Y,Z=.5", help=lamps)
-    add("--open", dest="opened", choices=("ceiling",), help="let the light into a closed room from above")
     add("--exposure", dest="exposure_ev", type=float, metavar="EV", help=exposure)
 
     add = parser.add_argument_group("surface and accuracy").add_argument

@@ -63,7 +63,6 @@ class LightingOptions:
     captured_sky: its sky: one of `light.CAPTURED_SKIES`, a file or an Environment.
     captured_light: its whole light: the number, from 1, of a likely light in the folder of the scene, a file or an
         Environment; "auto" ignores the one that was chosen there.
-    opened: "ceiling" lets the light into a closed room from above.
     Raises InputError for anything else.
     """
 
@@ -75,7 +74,6 @@ class LightingOptions:
     budget_s: float | None = None
     seed: int = 0
     lamps: str | float | Mapping[LampKey, float] | Sequence[tuple[LampKey, float]] = "keep"
-    opened: str | None = None
     placed: Sequence[Any] = ()
     captured: float | None = None
     env_scale: float = 1.0
@@ -335,7 +333,6 @@ _CHECKED: dict[str, Callable[[str, Any], Any]] = {
     "placed": lambda _, placed: (placed,) if isinstance(placed, (str, os.PathLike)) else tuple(placed),
     "captured": _checked_factor,
     "env_scale": _checked_factor,
-    "opened": _one_of("ceiling"),
     "captured_sun": _checked_sun,
     "captured_sky": _checked_sky,
     "captured_light": _checked_light,

@@ -16,7 +16,6 @@ from splat2mesh.base.errors import DataWarning, InputError
 from ..albedo.division import DARKEST
 from ..light.environment import Environment
 from ..rooms.evenness import Evenness
-from ..rooms.opening import without_ceiling
 from ..rooms.room import Room
 from ..transfer.bounces import with_bounces
 from ..transfer.settings import Settings
@@ -37,36 +36,27 @@ MOST = 30.0
 
 
 class RelitRoom:
-    """A closed room under environments, with the lamps and the ceiling that the options of its Relighter wish.
+    """A closed room under environments, with the lamps that the options of its Relighter wish.
 
-    look: its Appearance. relighter: of the scene as it was captured. level: captured units per unit of the
-    environments. lit: the Relighter of the scene as it is lit; another than that where the ceiling is taken off.
-    lets_in: whether an environment enters by the model of the room: its light is known, and it has a window or is open.
-    Else what an environment changes is assumed.
+    look: its Appearance. relighter: of the scene. level: captured units per unit of the environments. lets_in: whether
+    an environment enters by the model of the room: its light is known, and it has a window. Else what an environment
+    changes is assumed.
     lamps_found: how many. lamp_factor: what their light is multiplied by.
     """
 
     def __init__(self, look: Appearance, relighter: Relighter, level: float) -> None:
         self._look, self._relighter, self._level = look, relighter, np.float32(level)
         self.lamp_factor = relighter.options.lamp_factor
-        self._opened = relighter.options.opened is not None
         self._before: tuple[object, NDArray[np.float32]] | None = None
         self.lamps_found = 0 if look.room is None else len(look.room.report["lamps"])
         pointed = () if look.room is None else look.room.report.get("pointed", ())
         self._factors = relighter.options.lamp_factors(self.lamps_found, pointed)
         self._shut = look.room is not None and look.room.report["windows"] is None
-        self.lets_in = not look.as_captured and (not self._shut or self._opened)
+        self.lets_in = not look.as_captured and not self._shut
         method = relighter.options.method
         if self.lets_in and method not in ("auto", "raytraced"):
             problem = f"`method` {method} knows no shadows: in a closed room its light comes through the walls"
             warnings.warn(f"{problem}; auto traces rays", DataWarning, stacklevel=3)
-
-    @cached_property
-    def lit(self) -> Relighter:
-        if not self._opened:
-            return self._relighter
-        scene = without_ceiling(self._relighter.scene, self._relighter.occluder)
-        return Relighter(scene, self._relighter.options, stages=self._relighter.stages)
 
     @property
     def lamp_factors(self) -> list[float]:
@@ -89,8 +79,8 @@ class RelitRoom:
             np.divide(colors, look.captured, out=ratio, where=look.captured > 0.0)
             return nothing._replace(radiance=colors, received=(look.irradiance * ratio).astype(np.float32))
         if room is None:
-            return self.lit.shading(environment, look.albedo)
-        shaded = self.lit.shading(environment, room.albedo) if self.lets_in else nothing
+            return self._relighter.shading(environment, look.albedo)
+        shaded = self._relighter.shading(environment, room.albedo) if self.lets_in else nothing
         radiance = self._changed(self._level * shaded.radiance, shaded.settings)
         return shaded._replace(radiance=(radiance / self._level).astype(np.float32))
 
@@ -186,7 +176,7 @@ class RelitRoom:
         """(after, usual, below): the change is (after + usual) / below. after: as even as what it is compared with, and
         as far as the model is trusted; the rest takes the mean change."""
         before = self._model(settings)
-        if not self._shut or self._opened:
+        if not self._shut:
             after = self._even_light(after)
         soft = np.float32(SOFTNESS) * np.median(before, axis=0) + np.float32(1e-6)
         mean = after.sum(axis=0, dtype=np.float64) / np.maximum(before.sum(axis=0, dtype=np.float64), 1e-12)
@@ -233,9 +223,7 @@ class RelitRoom:
         if self._before is None or self._before[0] != settings:
             before = room.by_lamps
             if not self._shut:
-                before = before + self._from_outside(settings)
-            if not self._shut or self._opened:
-                before = self._even_light(before)
+                before = self._even_light(before + self._from_outside(settings))
             self._before = settings, before
         return self._before[1]
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from splat2mesh.base.errors import DataWarning, InputError
+from splat2mesh.base.errors import DataWarning
 from splat2mesh.base.progress import Stages
 
 from ..engine.appearance import Appearance, albedo_kept
@@ -80,7 +80,7 @@ class Job:
     def begin(self) -> None:
         """As `KnownScene.begin`."""
         _ = self.known.relighter  # before the light is asked for
-        self.known.begin(not (self.light_kind is LightKind.CAPTURED or self.inputs.options.opened))
+        self.known.begin(self.light_kind is not LightKind.CAPTURED)
 
     # the light
 
@@ -108,8 +108,6 @@ class Job:
         """The closed room that the scene is, or None."""
         look, options = self.known.appearance, self.inputs.options
         closed = look.capture is not None and "room" in look.capture
-        if options.opened and not closed:
-            raise InputError("`opened` ceiling: expected a closed room that was captured from inside, found none")
         room = None
         if closed:
             brightness = None if look.capture is None else look.capture["brightness"]
@@ -147,12 +145,10 @@ class Job:
     @cached_property
     def plan(self) -> "Plan | None":
         """The Plan for all angles; None for a method without a plan and for a room that stays as captured."""
-        albedo, room = self.known.appearance.albedo, self.room
+        albedo = self.known.appearance.albedo
         if self.known.appearance.as_captured or self.light_kind is LightKind.CAPTURED:
             return None
-        return (room.lit if room else self.known.relighter).plan_for(
-            self.environment, albedo, len(self.request.angles_deg)
-        )
+        return self.known.relighter.plan_for(self.environment, albedo, len(self.request.angles_deg))
 
     def planned(self) -> tuple["Plan | None", str]:
         """The Plan without any long work, and a note on its assumption, or "".

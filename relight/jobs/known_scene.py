@@ -227,8 +227,6 @@ class KnownScene:
         with self._stages.stage("load"):
             known = self.capture_env()
         look = self._retinted(appearance_of(self.inputs.choice, known, relighter))
-        if self.inputs.options.opened:
-            return look if look.room is not None else look._replace(place=Place.OPEN)
         shut = look.room is not None and look.room.report["windows"] is None
         return look._replace(place=Place.SHUT) if shut else look
 

@@ -52,8 +52,6 @@ def session_of(job: Job) -> SessionRequest:
     """Return what `viewer.view` shows of a job: its albedo first, and the lights beside its own."""
     source = _lamp_source(job)
     request = _under_light(job, _first_mixture(job, source) if job.light_kind.adds else None)
-    if job.inputs.options.opened is not None:
-        return request
     relighter, splats = job.known.relighter, job.inputs.splats
     settable = can_be_set(job.known.appearance, relighter)
     estimated = settable and job.request.capture_env is None
@@ -86,7 +84,7 @@ def _under_light(job: Job, mixture: LightBeside | None) -> SessionRequest:
         exposure = mixture.level if exposure is None else exposure
     asked = job.request.exposure_ev
     return SessionRequest(
-        scene=job.known.scene if room is None or options.opened is None else room.lit.scene,
+        scene=job.known.scene,
         environment=job.lights[0],
         lighting=replace(options, budget_s=None).planned(),  # a session has a tolerance
         albedos={chosen: albedo, **{name: each for name, each in others.items() if name != chosen}},

@@ -238,7 +238,6 @@ def report_of(job: Job, shaded: Shaded) -> dict[str, Any]:
         "captured": job.mix.captured_factor if job.light_kind.adds else None,
         "env_scale": job.inputs.options.env_scale,
         "assumed": job.assumed,
-        "open": job.inputs.options.opened,
         "part": None if job.known.part is None else job.known.part.report,
         "albedo": job.inputs.choice_name,
         "capture": job.known.appearance.capture,

@@ -98,11 +98,6 @@ class LiveScene:
     mirror: "FloorMirror | None" = None
 
     @property
-    def lit(self) -> "Relighter":
-        """The Relighter of the scene as it is lit."""
-        return self.relighter if self.room is None else self.room.lit
-
-    @property
     def lamps(self) -> float | None:
         """The factor on the lamps of a room; None without any, and where they are part of the captured light, to which
         no environment adds."""
@@ -154,9 +149,9 @@ def live_of(
     with stages.stage("compress"):
         found, errors = rows.compressed(basis, BYTES_TOLERANCE if how.tolerance is None else how.tolerance, how.seed)
     with stages.stage("surface"):
-        foliage = shown.lit.precomputed.foliage if settings.volume else None
+        foliage = shown.relighter.precomputed.foliage if settings.volume else None
         surface = surfaces(binding, splats.means, scene, response.own, kinds, foliage)
-        mesh = shown.lit.scene
+        mesh = shown.relighter.scene
         vertices, faces = decimate(mesh.vertices.astype(np.float64), mesh.faces, DEFAULT_VERTICES)
     near = splats.means[binding.lit & (kinds != SKY)]
     return Live(
@@ -199,7 +194,7 @@ def _response(shown: LiveScene, settings: "Settings", shares: Floats) -> Respons
     if look.as_captured and shown.sources:
         return _unchanged(len(shares))
     known = room if look.room is not None and not look.as_captured else None
-    return response_of(shown.lit, look, settings._replace(bands=BANDS), shares, known)
+    return response_of(shown.relighter, look, settings._replace(bands=BANDS), shares, known)
 
 
 def _captured_light(shown: LiveScene, response: Response, shares: Floats) -> list[PortableLight]:

@@ -23,7 +23,6 @@ from .relit_splats import RelitSource
 from .subject import LitFolder, WrittenScene
 
 if TYPE_CHECKING:
-    from ..engine.relighter import Relighter
     from ..light.environment import Environment
 
 
@@ -82,7 +81,7 @@ class LiveFiles:
                     exposure = self._mix.exposure_of(each, None) if self._exposed else 1.0
                     lights.append((each, *self._assumed_light(each, exposure)))
                     continue
-                radiance = None if as_captured else self._lit.shading(each, albedo, traced).radiance
+                radiance = None if as_captured else self._relighter.shading(each, albedo, traced).radiance
                 exposure = self._mix.level(radiance, each) if mixes else self._mix.exposure_of(each, radiance)
                 lights.append((each, exposure, self._lamps(each, exposure)))
             shown = LiveScene(
@@ -119,7 +118,7 @@ class LiveFiles:
         if not self._exposed:
             return self._beside(found, light)
         known = self._room is not None and self._room.exposure is not None
-        radiance = None if known else self._lit.shading(light, self._appearance.albedo).radiance
+        radiance = None if known else self._relighter.shading(light, self._appearance.albedo).radiance
         return self._beside(found, light, exposure / self._mix.level(radiance, light))
 
     def _mixed(self, live: Live, first: "Environment") -> Live:
@@ -144,11 +143,6 @@ class LiveFiles:
         lamps = self._room.lamp_factor if self._room.lamps_found else 0.0
         return exposure * assumed_exposure(light, self._mix.options.env_scale), exposure * lamps
 
-    @property
-    def _lit(self) -> "Relighter":
-        """The Relighter of the scene as it is lit."""
-        return self._relighter if self._room is None else self._room.lit
-
     def _lamps(self, light: "Environment", exposure: float) -> float:
         """Factor on the light of a room's lamps, at the exposure of a light beside it."""
         capture, room = self._appearance.capture, self._room
@@ -167,7 +161,7 @@ class LiveFiles:
         options = self._relighter.options
         if self._appearance.as_captured:
             return options.unplanned
-        settings = self._lit.shading(light, self._appearance.albedo).settings
+        settings = self._relighter.shading(light, self._appearance.albedo).settings
         if settings.rays and BOUNCES in options.chosen_effects and not settings.bounce_rays:
             if self._appearance.albedo is not None:
                 settings = settings._replace(bounce_rays=BOUNCE_RAYS, bounce_tolerance=BOUNCE_TOLERANCE)

@@ -76,7 +76,7 @@ def room_notice(part: float, found: dict[str, Any] | None, problem: str = "") ->
     line = f"this is a closed room, where {100.0 * part:.1f}% of the sky reaches what was seen: "
     if found is None:
         line += f"{problem}, so all of its light is assumed to come from outside, and takes the brightness and colour "
-        line += f"of a new one ({BESIDE}, `opened` ceiling lets the new light in; "
+        line += f"of a new one ({BESIDE}; "
         return f"{line}`albedo` captured lights it as it is)"
     lamps, windows = sum(any(each["radiance"]) for each in found["lamps"]), bool(found["windows"])
     line += f"{lamps or 'no'} lamp{'s' * (lamps != 1)} "
@@ -89,6 +89,5 @@ def room_notice(part: float, found: dict[str, Any] | None, problem: str = "") ->
         line += "found, windows let the new light in"
     if lamps and windows:
         line += f"; that they are as bright as a median albedo of {found['assumed_albedo']:g} makes them is assumed"
-    dims = "`lamps` off or a factor dims them, " * bool(lamps)
-    dims += "" if windows else f"{BESIDE}, "
-    return f"{line} ({dims}`opened` ceiling lets {'more light' if windows else 'the new light'} in)"
+    tips = ["`lamps` off or a factor dims them"] * bool(lamps) + [BESIDE] * (not windows)
+    return f"{line} ({', '.join(tips)})" if tips else line

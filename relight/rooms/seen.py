@@ -27,9 +27,9 @@ def seen_from(occluder: Occluder, rows: NDArray[np.int64], eyes: NDArray[np.floa
     return seen
 
 
-def ceiling_level(occluder: Occluder, eyes: NDArray[np.float32]) -> tuple[float, float] | None:
-    """Heights, unit frame, of the ceiling, where half of the rays up from the eyes (E, 3) end, and of the eyes; None
-    where nothing is above them."""
+def below_ceiling(occluder: Occluder, eyes: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """Mask (V,) of the vertices that do not lie above the ceiling, where half of the rays up from the eyes (E, 3), unit
+    frame, end: there training leaves fog that shows through its holes; all where nothing is above the eyes."""
     directions = fibonacci_sphere()
     up = directions[directions[:, 1] > UPRIGHT]
     origins = np.repeat(eyes, len(up), axis=0)
@@ -37,16 +37,7 @@ def ceiling_level(occluder: Occluder, eyes: NDArray[np.float32]) -> tuple[float,
     hits = occluder.first_hits(rays)
     hit = hits.faces >= 0
     if not hit.any():
-        return None
-    heights = origins[hit, 1] + hits.distance[hit] * rays[hit, 4]
-    return float(np.median(heights)), float(np.median(origins[:, 1]))
-
-
-def below_ceiling(occluder: Occluder, eyes: NDArray[np.float32]) -> NDArray[np.bool_]:
-    """Mask (V,) of the vertices that do not lie above the ceiling, where training leaves fog that shows through its
-    holes; all where nothing is above the eyes."""
-    found = ceiling_level(occluder, eyes)
-    if found is None:
         return np.ones(len(occluder.origins), bool)
-    level, eye = found
+    heights = origins[hit, 1] + hits.distance[hit] * rays[hit, 4]
+    level, eye = float(np.median(heights)), float(np.median(origins[:, 1]))
     return np.asarray(occluder.origins[:, 1] <= level + UNEVEN * (level - eye))

@@ -58,9 +58,7 @@ def test_a_command_without_options_asks_for_the_defaults():
 
 
 def test_every_word_reaches_its_field():
-    line = (
-        "garden --env noon --rotate 0:20:10 --lamps 0.5 --open ceiling --exposure 1 --albedo white --method raytraced"
-    )
+    line = "garden --env noon --rotate 0:20:10 --lamps 0.5 --exposure 1 --albedo white --method raytraced"
     line += " --tolerance 3% --effects shadows --bands 4 --rays 32 --no-cache --seed 7 --fps 12 --up -z --vertices 20k"
     line += (
         " --memory 4 --format glb,npy --format live --sheet --live --harmonics keep --bake texture --texture-size 64"
@@ -72,7 +70,7 @@ def test_every_word_reaches_its_field():
     expected = RelightRequest(
         "garden",
         "noon",
-        LightingOptions(**light, lamps=0.5, opened="ceiling"),
+        LightingOptions(**light, lamps=0.5),
         angles_deg=(0.0, 10.0, 20.0),
         albedo="white",
         exposure_ev=1.0,

@@ -180,9 +180,8 @@ def room_colors(splats):
         ("captured", 0.3, {}),
         ("captured", 1.0, {"lamps": 0.2}),
         ("noon", None, {"lamps": 0.5}),
-        ("overcast", 0.2, {"lamps": 0.3, "opened": "ceiling", "env_scale": 0.4}),
     ],
-    ids=["as captured", "own lamp dimmed", "no sky gets in", "without ceiling"],
+    ids=["as captured", "own lamp dimmed", "no sky gets in"],
 )
 @pytest.mark.filterwarnings("ignore:this is a closed room")
 def test_lamps_in_a_closed_room(reader, tmp_path, env, captured, more):

@@ -102,18 +102,6 @@ def test_with_its_only_lamp_off_a_closed_box_is_dark_and_with_half_of_it_half_as
     np.testing.assert_allclose(half[unclipped], 0.5 * captured[unclipped], rtol=0.1, atol=0.01)
 
 
-def test_a_box_without_its_ceiling_is_lit_from_above():
-    opened = under("overcast", lamps="off", opened="ceiling")
-    up = room()[0].normals[:, 1] > 0.9
-    assert opened[up].mean() > 10.0 * under("overcast", lamps="off")[up].mean()
-
-
-def test_a_ceiling_is_only_taken_off_a_closed_room():
-    scene = Scene(room()[0].chunks)
-    with pytest.raises(InputError, match="expected a closed room"):
-        next(iter(Job(RelightRequest(scene, "noon", LightingOptions(opened="ceiling"), caching="none")).shaded()))
-
-
 def test_what_a_window_lets_in_is_new():
     scene, place, exposure, _ = room("one-window")
     with pytest.warns(DataWarning, match="found no lamp"):  # and none is dimmed
@@ -178,7 +166,7 @@ def seen(scene, place):
 
 def test_words_for_lamps_and_openings():
     assert LightingOptions(lamps="off").lamp_factor == 0.0 and LightingOptions(lamps="0.25").lamp_factor == 0.25
-    for wrong in ({"lamps": "dim"}, {"lamps": -1.0}, {"lamps": float("nan")}, {"opened": "door"}):
+    for wrong in ({"lamps": "dim"}, {"lamps": -1.0}, {"lamps": float("nan")}):
         with pytest.raises(InputError, match="expected"):
             LightingOptions(**wrong)
 

@@ -63,7 +63,6 @@ VALUES = {
     "--format glb sp": ["splat", "splat-glb"],
     "--method neu": ["neural-gash"],
     "--detail d": ["draft"],
-    "--open c": ["ceiling"],
     "--env x": [],
 }
 """Words typed after a splat, and the values that bash offers for the last one; without any it offers files."""
