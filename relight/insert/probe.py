@@ -16,7 +16,7 @@ from splat2mesh.base.sphere import texel_directions
 from splat2mesh.render.rasterize import rasterize
 from splat2mesh.render.raycaster import corner_weights
 from splat2mesh.render.view import View
-from splat2mesh.scene.color import linear_from_srgb
+from splat2mesh.scene.color import CLIPPED_SRGB, linear_from_srgb
 from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.splats import Splats
 from splat2mesh.views.eyes import FOV_DEG
@@ -31,8 +31,8 @@ FACE = 320
 NEAR = 0.004
 """Near plane, in diagonals of the scene, so that splats at the position itself hide nothing."""
 
-SURE, CLIPPED = 0.85, 0.98
-"""Display values of the brightest channel up to which the splats show a sky as it was, and from which they clip it."""
+SURE = 0.85
+"""Display value of the brightest channel up to which splats show a sky as it was; from CLIPPED_SRGB on they clip it."""
 
 INSIDE = 0.5
 """Share of directions that meet back faces, above which the position is inside something."""
@@ -75,7 +75,7 @@ class ProbedScene(NamedTuple):
             sky += np.float32(each.factor * exposure) * each.environment.lookup(directions)
         away = hits.faces < 0
         found = linear_from_srgb(shown).astype(np.float32)
-        clipped = np.clip((shown.max(axis=1) - SURE) / (CLIPPED - SURE), 0.0, 1.0)[:, None]
+        clipped = np.clip((shown.max(axis=1) - SURE) / (CLIPPED_SRGB - SURE), 0.0, 1.0)[:, None]
         free = found + (1.0 - alpha[:, None]) * sky
         found[away] = (free + clipped * (np.maximum(sky, free) - free))[away]
         if light.glow is not None:

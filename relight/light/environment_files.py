@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from splat2mesh.base.arrays import Floats, Radiance
 from splat2mesh.base.console import quiet_libraries
 from splat2mesh.base.errors import DataWarning, InputError
-from splat2mesh.base.inputs import file_size
+from splat2mesh.base.inputs import GIB, file_size
 
 from . import radiance_hdr, skies
 from .color_spaces import as_rec709
@@ -26,7 +26,7 @@ _EXR_MAGIC, _HDR_MAGIC = b"\x76\x2f\x31\x01", b"#?"
 COMBINED = {"combined", "beauty", "rgba"}
 """Names of the layer or part that is the picture: Blender's; of most renderers; of Arnold and Nuke."""
 
-LARGEST_FILE = 4 << 30  # bytes; the largest published pictures of light have 2 GB
+LARGEST_FILE = 4 * GIB  # bytes; the largest published pictures of light have 2 GB
 
 
 def read_light(path: Path) -> Radiance:

@@ -27,7 +27,8 @@ LEAST_TURBIDITY, MOST_TURBIDITY = 1.0, 10.0
 
 _DATA = Path(__file__).parent / "data" / "hosek_wilkie_rgb.npz"
 
-_DISC_RINGS, _DISC_SPOKES = 16, 32  # parts of the disc, of equal solid angle
+_DISC_RINGS = 16
+_DISC_SPOKES = 2 * _DISC_RINGS  # parts of the disc, of equal solid angle
 
 _QUADRATURE = SKY_HEIGHT, SKY_WIDTH  # elevations and azimuths of the irradiance: within 1e-5 of 400 x 1,000 of them
 

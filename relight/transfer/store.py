@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from splat2mesh.base.beside import Beside
 from splat2mesh.base.errors import DataWarning, InputError
-from splat2mesh.base.inputs import load_arrays
+from splat2mesh.base.inputs import GIB, load_arrays
 from splat2mesh.base.leftovers import sweep
 from splat2mesh.base.outputs import staged_file
 
@@ -39,7 +39,7 @@ LARGEST = 1 << 34
 LONGEST = 1 << 16
 """Bytes of the key and the settings of a file."""
 
-LEAST_BYTES, BYTES_PER_VERTEX, MOST_BYTES = 2**28, 1_100, 2 * 2**30
+LEAST_BYTES, BYTES_PER_VERTEX, MOST_BYTES = GIB // 4, 1_100, 2 * GIB
 """Bytes of a folder's files, by the vertices of its scene, and their bounds; the newest of each kind stay whatever its
 size. One light of a place takes 600 to 1,300 bytes a vertex."""
 

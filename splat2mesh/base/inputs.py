@@ -18,13 +18,15 @@ from typing import Any
 
 from .errors import InputError
 
-LARGEST_TEXT = 64 << 20
+MIB = 1 << 20
+
+LARGEST_TEXT = 64 * MIB
 """Bytes of a JSON file, or a library of materials: the largest known, the tree of a streamed SOG, has 3 MB."""
 
-GIB = 1 << 30
+GIB = MIB << 10
 """Bytes that a file may take, unpacked or as a picture, where nothing says more."""
 
-FREE = 1 << 20
+FREE = MIB
 """Bytes, or pixels, that any part of a file may take, however small the rest is."""
 
 FREE_SPLATS = 1_000_000

@@ -5,12 +5,12 @@ import subprocess
 import sys
 
 from .errors import InputError
-from .inputs import GIB
+from .inputs import GIB, MIB
 
 FREE_BYTES, BYTES_PER_BYTE = GIB, 32
 """Memory that a file may take to open: so much, and as much for each of its bytes. Arrays unpack to some 4 times."""
 
-FREE_S, BYTES_PER_S = 60.0, 10 << 20
+FREE_S, BYTES_PER_S = 60.0, 10 * MIB
 """Time that it may take."""
 
 _TEXT = b"#usda"

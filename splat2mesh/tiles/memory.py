@@ -5,11 +5,12 @@ import math
 import os
 
 from ..base.errors import InputError
+from ..base.inputs import MIB
 
 BASE_GB = 0.5
 """Peak of a process on tiles before it has any: the memory of its libraries."""
 
-MAPPED, KEPT, ARENAS = 32 << 20, 256 << 20, 1
+MAPPED, KEPT, ARENAS = 32 * MIB, 256 * MIB, 1
 """How glibc allocates memory on a worker: blocks of less bytes than the first, the most it takes, come from the heap;
 of the heap as many bytes as the second stay when they are free; and all threads share one heap.
 
