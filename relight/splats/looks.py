@@ -18,7 +18,6 @@ from .attachment import Surface
 from .blend_lists import in_tiles
 from .blending import Blending, blending_of
 from .light_ratio import CURVE_OFFSET
-from .packed_pixels import packed, unpacked
 
 DEPTH_TOLERANCE = 0.03
 """Largest distance, in diagonals, between mesh and splats in a view; beyond it, the pixel does not show the mesh's
@@ -76,9 +75,7 @@ class Looks(NamedTuple):
     def restored(cls, arrays: Mapping[str, NDArray[Any]], splats: int, surface: Surface) -> "Looks":
         """Restore from `arrays`, for a number of splats and a Surface. Raises InputError or KeyError for arrays that do
         not fit."""
-        counts, inside = unpacked(arrays["rows"], arrays["masks"])
-        lists = {name: arrays[name] for name in Blending._fields if name in arrays}
-        blending = Blending(**lists | {"counts": counts, "pixels": inside}).checked(splats)
+        blending = Blending(**{name: arrays[name] for name in Blending._fields}).checked(splats)
         faces, uv, eyes = (arrays[name] for name in ("faces", "uv", "eyes"))
         known = np.flatnonzero(np.unpackbits(arrays["known"], count=AREA * (len(blending.runs) - 1)))
         if eyes.shape != (len(blending.tiles) - 1, 3) or not np.isfinite(eyes).all():
@@ -92,12 +89,10 @@ class Looks(NamedTuple):
 
     def arrays(self, surface: Surface) -> dict[str, NDArray[Any]]:
         """Dict of the arrays that `restored` takes; surface: that they were taken of."""
-        lists = self.blending._asdict()
-        rows, masks = packed(lists.pop("counts"), lists.pop("pixels"))
         known = np.zeros(AREA * (len(self.blending.runs) - 1), bool)
         known[self.known] = True
-        arrays = {"rows": rows, "masks": masks, "known": np.packbits(known), "faces": surface.numbers_of(self.corners)}
-        return lists | arrays | {"uv": np.rint(self.uv * UV_PARTS).astype(np.uint16), "eyes": self.eyes}
+        arrays = {"known": np.packbits(known), "faces": surface.numbers_of(self.corners), "eyes": self.eyes}
+        return self.blending._asdict() | arrays | {"uv": np.rint(self.uv * UV_PARTS).astype(np.uint16)}
 
     def at_pixels(self, kept: Mask) -> "Looks":
         """These pictures, of which some of the known pixels, (K,) bool, are known."""
