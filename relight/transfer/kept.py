@@ -1,6 +1,5 @@
-"""Keys of cached transfers, which cached ones serve for others, and their format: 16 bits a number."""
+"""Keys of cached transfers, which cached ones serve for others, and their arrays."""
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any, TypeAlias
 
@@ -8,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Transfer
-from splat2mesh.base.threads import in_batches
 
 from .receivers import Receivers
 from .settings import Settings
@@ -16,17 +14,6 @@ from .store import array_key
 
 SURFACES = "surfaces"
 """Instead of the key of a Foliage."""
-
-OPEN = np.float32(1.0 / math.sqrt(4.0 * math.pi))
-"""The first coefficient of a vertex that nothing hides. None is larger than 1.16 of it but by what few rays are off."""
-
-STEPS = 24_000
-"""Of OPEN: numbers are whole steps, so that what nothing hides stays exact, and all else is off by 3e-6 (root mean
-square): a thousandth of what hundreds of rays leave."""
-
-LARGE = 1 << 22
-"""Numbers above which a transfer is rounded: smaller ones take 16 MB at most."""
-
 
 Key: TypeAlias = tuple[str, int, int, str, int, str]
 """The key of a transfer: method, bands, rays, chunks with shadows, seed, leaves."""
@@ -72,52 +59,18 @@ def chunks_text(shadowed: Sequence[bool] | None) -> str:
     return array_key(np.array(shadowed))
 
 
-def rounded(transfer: Transfer) -> Transfer:
-    """A transfer (V, K), in place; a large one rounded to what is kept of it, so that it comes back to the bit."""
-    if transfer.size >= LARGE:
-
-        def work(rows: slice) -> None:
-            transfer[rows] = _numbers(_steps(transfer[rows]))
-
-        in_batches(work, len(transfer))
-    return transfer
-
-
 def arrays_of(transfer: Transfer, receivers: Receivers) -> dict[str, NDArray[Any]]:
-    """Dict of the arrays to keep of a transfer that was `rounded`: its traced rows, from which the others follow."""
-    rows = slice(None) if receivers.all else receivers.rows
-    if transfer.size < LARGE:
-        return {"transfer": transfer[rows]}
-    steps = np.empty((len(transfer) if receivers.all else len(receivers.rows), transfer.shape[1]), np.int16)
-
-    def work(part: slice) -> None:
-        steps[part] = _steps(transfer[part] if receivers.all else transfer[receivers.rows[part]])
-
-    in_batches(work, len(steps))
-    return {"transfer": steps}
+    """Dict of the arrays to keep of a transfer: its traced rows, from which the others follow."""
+    return {"transfer": transfer if receivers.all else transfer[receivers.rows]}
 
 
 def restored(kept: Mapping[str, NDArray[Any]], bands: int, receivers: Receivers) -> Transfer:
     """The transfer of `arrays_of`. Raises ValueError for another shape or type, and unless it is finite."""
     found, shape = kept["transfer"], (len(receivers.rows), bands**2)
-    if found.shape != shape or found.dtype not in (np.float32, np.int16) or not np.isfinite(found).all():
+    if found.shape != shape or found.dtype != np.float32 or not np.isfinite(found).all():
         raise ValueError(f"expected finite numbers of shape {shape}, found {found.dtype} of {found.shape}")
-    if receivers.all and found.dtype == np.float32:
+    if receivers.all:
         return found
     transfer = np.empty((len(receivers.traced), shape[1]), np.float32)
-
-    def work(part: slice) -> None:
-        some = _numbers(found[part]) if found.dtype == np.int16 else found[part]
-        transfer[part if receivers.all else receivers.rows[part]] = some
-
-    in_batches(work, len(found))
+    transfer[receivers.rows] = found
     return receivers.filled(transfer)
-
-
-def _steps(numbers: NDArray[np.float32]) -> NDArray[np.int16]:
-    most = np.float32(np.iinfo(np.int16).max)
-    return np.clip(np.rint(numbers / OPEN * np.float32(STEPS)), -most, most).astype(np.int16)
-
-
-def _numbers(steps: NDArray[np.int16]) -> NDArray[np.float32]:
-    return steps.astype(np.float32) / np.float32(STEPS) * OPEN

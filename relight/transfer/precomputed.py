@@ -10,18 +10,7 @@ from splat2mesh.base.arrays import Transfer
 from splat2mesh.scene.scene import Scene
 
 from .analytic import analytic
-from .kept import (
-    SURFACES,
-    Key,
-    arrays_of,
-    chunks_text,
-    key_of,
-    leaf_directions,
-    restored,
-    rounded,
-    serves,
-    stands_for,
-)
+from .kept import SURFACES, Key, arrays_of, chunks_text, key_of, leaf_directions, restored, serves, stands_for
 from .kept_bounces import KeptBounces
 from .neighbors import Neighbors
 from .neuralgash import neural_gash
@@ -140,11 +129,11 @@ class Precomputed(KeptBounces):
             if settings.volume:
                 with self._stages.stage("volume"):
                     transfer = self._volumes.mixed(transfer, settings.volume, self.receivers.traced)
-            transfer = self.receivers.filled(rounded(transfer))
+            transfer = self.receivers.filled(transfer)
         elif method == "neural-gash":
             with self._stages.stage("transfer", count) as advance:
                 guess = neural_gash(self.scene.vertices, self.scene.normals, advance)
-                transfer = rounded(np.ascontiguousarray(guess[:, : bands**2]))
+                transfer = np.ascontiguousarray(guess[:, : bands**2])
         else:
             with self._stages.stage("transfer"):
                 return self._key(settings, 0), analytic(self.scene.normals, bands)  # quicker than reading it
