@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import ColorsSrgb, Faces, Integers, Points
 from splat2mesh.base.errors import InputError
-from splat2mesh.base.gltf import MODES, TRIANGLES, GltfData, entry, triangles, warn_skipped
+from splat2mesh.base.gltf import MODES, TRIANGLES, WIDTHS, GltfData, entry, triangles, warn_skipped
 from splat2mesh.base.gltfnodes import global_matrices, hierarchy, initial_transforms, instances
 from splat2mesh.base.inputs import reading
 from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
@@ -19,7 +19,7 @@ from splat2mesh.scene.scene import Scene
 
 from .skinning import Track, morphed, moved, skinned
 
-PATHS = {"translation": 3, "rotation": 4, "scale": 3}
+PATHS = {"translation": WIDTHS["VEC3"], "rotation": WIDTHS["VEC4"], "scale": WIDTHS["VEC3"]}
 """Properties of a node that an animation may change, and their widths; weights of morph targets come on top."""
 
 

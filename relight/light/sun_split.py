@@ -24,7 +24,7 @@ from splat2mesh.scene.color import luminance
 from splat2mesh.scene.measured import SKY_HEIGHT, SKY_WIDTH
 
 from ..sh import harmonics
-from . import SUN_TOLERANCE, projections
+from . import HEIGHT, SUN_TOLERANCE, projections
 from .environment import Environment, turned_about_y
 from .pooling import pooled, pooling
 from .sun_clusters import Spots, clusters
@@ -39,7 +39,7 @@ _FALL = 4  # a texel at twice the level keeps 1/16 of its light or what is aroun
 _POINT_DEG = 2.0  # a bright texel with dark ones around it is a point, unless it is higher than this
 PARTS = 8  # a side of each texel at most; a sun's disc may be one texel
 _PART_ENERGY = 1.0 / 1024  # of the light, in each part of a texel: well below what one sun holds
-_POOL_HEIGHT = 512  # rows of finer images are pooled to so many, of 0.35 degrees: less than the solar disc
+_POOL_HEIGHT = 2 * HEIGHT  # rows of finer images are pooled to so many, of 0.35 degrees: less than the solar disc
 _LLOYD_ROUNDS = 5  # the largest errors come down by up to a tenth, the mean by 2%
 _ENOUGH = 1.1  # of the least estimate: the last tenth can take a hundred suns
 GRID = (SKY_HEIGHT, SKY_WIDTH)  # for the estimate: cells of 2.8 degrees, well under the width of a lobe of 10 bands

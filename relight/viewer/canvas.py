@@ -35,6 +35,7 @@ BAR, CHIP, ON, HANDLE = (*DARK, 215), (*grey(48), OPAQUE), (*MARK, OPAQUE), (*TE
 IDLE = *((one + other) // 2 for one, other in zip(MARK, DARK, strict=True)), OPAQUE
 """sRGB bytes of texts, and of what is drawn, with opacity."""
 
+MARGIN = 16  # units from the edges of the window
 _LEAST_SIZE = 6  # pixels of a text
 _DPI = 72  # a point is a pixel
 _WIDTHS_KEPT = 2000

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from .canvas import BAR, CHIP, DARK, DIM, ON, TEXT, Canvas
+from .canvas import BAR, CHIP, DARK, DIM, MARGIN, ON, TEXT, Canvas
 from .hand_bench import HandBench
 from .hand_tool import OFFER, SUN_MAP, place_on_map
 
@@ -14,7 +14,7 @@ LARGE = 2 * CELL
 """Sides of a texel of a map, in units: of an offered light, and of the present one, whose sun is dragged."""
 
 GAP = 10
-LEFT = LINE = 16
+LEFT = LINE = MARGIN
 """Units: between maps, from the left edge, and the height of a name."""
 
 Hot = Callable[..., None]

@@ -20,6 +20,7 @@ from splat2mesh.base.sphere import fibonacci_sphere
 from splat2mesh.scene.scene import Scene
 
 from ..engine.relighter import Relighter
+from ..light import WIDTH
 from ..light.environment import Environment
 from ..light.pooling import pooled
 from ..options import LightingOptions
@@ -52,7 +53,7 @@ DRAG_BANDS = 4
 UNSHADOWED_BANDS = 5
 """Bands of light without shadows: Lambert's lobe has 0.4% of its energy beyond them."""
 
-SKY_WIDTH = 1024
+SKY_WIDTH = 2 * WIDTH
 """Most columns of the sky behind the scene."""
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from ..output.kinds import PICTURE_SIZE
 from ..transfer.settings import BOUNCES, SUN
-from .canvas import BAR, CHIP, DARK, DIM, HANDLE, IDLE, KEY, ON, TEXT, WARNING, Canvas
+from .canvas import BAR, CHIP, DARK, DIM, HANDLE, IDLE, KEY, MARGIN, ON, TEXT, WARNING, Canvas
 from .controls import CONTROLS, MOUSE, SLIDERS, Control, Slider, key_name
 from .hand_panel import draw_hand
 from .lighting import CONVERGED, SAMPLE, STAGES, FinishedShading
@@ -30,8 +30,7 @@ TOP = 48
 BOTTOM = 2 * TOP
 """Heights of the two bars."""
 
-_MARGIN = 16
-_GAP = _MARGIN // 2
+_GAP = MARGIN // 2
 _HELP_WIDTH, _HELP_ROW = 720, 21
 _CHIP_ROOM = 180  # for the text of a button: a long name must not push others out of the window
 _MARK = 5  # half the width of the mark of a lamp
@@ -124,14 +123,14 @@ class Panel:
         width, height = units
         base = height - TOP
         self._canvas.rectangle(0, base, width, TOP, BAR)
-        right = width - _MARGIN
+        right = width - MARGIN
         for control in reversed([control for control in CONTROLS if control.row == "modes"]):
             right -= self._chip(session, control, right, base + 12, from_right=True) + _GAP
         count = sum(len(chunk.vertices) for chunk in session.scene.chunks)
-        self._canvas.text(_MARGIN, base + 27, session.name, TEXT, KEY)
+        self._canvas.text(MARGIN, base + 27, session.name, TEXT, KEY)
         lit = session.answers.lit
         facts = f"{count:,} vertices" + (f", {lit.settings}" if lit else "")
-        self._canvas.text(_MARGIN, base + 10, self._canvas.fitted(facts, right - 2 * _MARGIN), DIM)
+        self._canvas.text(MARGIN, base + 10, self._canvas.fitted(facts, right - 2 * MARGIN), DIM)
         progress = session.answers.progress
         if progress and not session.settled:
             share = progress[1] if progress[1] is not None else 1.0
@@ -142,10 +141,10 @@ class Panel:
         self._canvas.rectangle(0, 0, width, BOTTOM, BAR)
         hand = session.state.by_hand
         sliders = [slider for slider in SLIDERS if slider.there(session) and slider.of_hand == hand]
-        each = (width - 2 * _MARGIN - 2 * (len(sliders) - 1) * _GAP) / len(sliders)
+        each = (width - 2 * MARGIN - 2 * (len(sliders) - 1) * _GAP) / len(sliders)
         for index, slider in enumerate(sliders):
-            self._slider(session, slider, _MARGIN + index * (each + 2 * _GAP), 54, each)
-        left: float = _MARGIN
+            self._slider(session, slider, MARGIN + index * (each + 2 * _GAP), 54, each)
+        left: float = MARGIN
         for control in CONTROLS:
             if control.row in ("hand" if hand else "choices", "both") and control.there(session):
                 left += self._chip(session, control, left, 12) + _GAP
@@ -158,9 +157,9 @@ class Panel:
             follows, color = warning, WARNING
         else:
             color = DIM
-        room = width - 2 * _MARGIN
-        self._plate(_MARGIN, BOTTOM + 8, figures, TEXT)
-        self._plate(_MARGIN, BOTTOM + 30, self._canvas.fitted(follows, room), color)
+        room = width - 2 * MARGIN
+        self._plate(MARGIN, BOTTOM + 8, figures, TEXT)
+        self._plate(MARGIN, BOTTOM + 30, self._canvas.fitted(follows, room), color)
 
     def _plate(self, left: float, base: float, string: str, color: tuple[int, ...]) -> None:
         """A line of text on a separate plate, over the scene."""
@@ -238,7 +237,7 @@ class Panel:
     def _scalar_bar(self, session: "Session", units: Units, end: float) -> None:
         width, _ = units
         steps, tall = 48, 220
-        left, base = width - _MARGIN - 16, BOTTOM + 76
+        left, base = width - MARGIN - 16, BOTTOM + 76
         known = session.answers.reference is not None
         title = "relative error" if known else "reference follows"
         title_width = max(self._canvas.width(title), 76)
@@ -258,14 +257,14 @@ class Panel:
         width, height = units
         rows = [(key_name(control), control.text) for control in CONTROLS if control.there(session)] + list(MOUSE)
         half = -(-len(rows) // 2)
-        tall = half * _HELP_ROW + 2 * _MARGIN
+        tall = half * _HELP_ROW + 2 * MARGIN
         left = (width - _HELP_WIDTH) / 2
         base = BOTTOM + 60 + max(0, (height - TOP - BOTTOM - 60 - tall) / 2)
         self._canvas.rectangle(left, base, _HELP_WIDTH, tall, (*BAR[:3], 240))
         columns = (rows[:half], 16, 62), (rows[half:], 400, 470)
         for part, key_at, text_at in columns:
             for row, (key, text) in enumerate(part):
-                y = base + tall - _MARGIN - (row + 1) * _HELP_ROW + 6
+                y = base + tall - MARGIN - (row + 1) * _HELP_ROW + 6
                 self._canvas.text(left + key_at, y, key, ON[:3], KEY)
                 self._canvas.text(left + text_at, y, text, TEXT)
 
