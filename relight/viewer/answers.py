@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..transfer.settings import BOUNCES, EFFECTS, SHADOWS, VOLUME
-from .lighting import ConvergedLight, FinishedShading, LightWish, SessionLight, keys
+from .lighting import FinishedShading, LightWish, SessionLight, keys
 
 
 class LightWorker(Protocol):
@@ -73,11 +73,6 @@ class Answers:
         """The effects that the plan calls for at this tolerance; all while it is unknown."""
         key, lit = self._found.get("shading", (None, None))
         return lit.effects if lit is not None and key[:3] == keys(self.wish)["shading"][:3] else self.available
-
-    @property
-    def reference(self) -> ConvergedLight | None:
-        """The ConvergedLight of the present light, or None."""
-        return self.current("reference")
 
     @property
     def missing(self) -> str:

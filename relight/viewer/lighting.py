@@ -35,9 +35,6 @@ if TYPE_CHECKING:
     from ..transfer.store import Cache
     from ..transfer.volume import Foliage
 
-CONVERGED = Settings("raytraced", harmonics.MAX_BANDS, 512, None, 0.003, 256, 1e-4, 2048)
-"""Settings of the reference at every vertex, for the error mode."""
-
 SAMPLE = 256
 """Vertices at which the error is measured: its standard deviation is a sixteenth of that over vertices."""
 
@@ -72,8 +69,6 @@ STAGES = {
 class LightWish(NamedTuple):
     """The light that the window wants. environment, albedo: names. effects: frozenset of
     `relight.transfer.settings.EFFECTS`.
-
-    reference: whether it also wants converged light at every vertex, for the error view.
     """
 
     environment: str
@@ -81,7 +76,6 @@ class LightWish(NamedTuple):
     tolerance: float
     effects: frozenset
     albedo: str
-    reference: bool = False
 
 
 class SessionLight(NamedTuple):
@@ -112,13 +106,6 @@ class FinishedShading(NamedTuple):
     seconds: float
 
 
-class ConvergedLight(NamedTuple):
-    """Converged light. radiance: (V, 3) float32. error: its own, relative L2, on the sampled vertices."""
-
-    radiance: np.ndarray
-    error: float
-
-
 class SessionScene(NamedTuple):
     """A scene and all the lights and albedos that a session may choose from.
 
@@ -146,7 +133,6 @@ class SessionLighting:
         self.step: tuple[str, Any] | None = None
         self._options = options
         self._relighters: dict[float, Relighter] = {}
-        self._converged: Relighter | None = None
         self._relighter = Relighter(scene, self._options, stages=stages, cache=cache)
         self._foliage = self._relighter.precomputed.foliage
         self._loaded: tuple[str, Environment] | None = None
@@ -158,9 +144,8 @@ class SessionLighting:
         """Yield (kind, key, payload) for each result that the wish needs and that was not yielded before.
 
         Kinds in order: "unshadowed" ((V, K) float32), "light" (SessionLight), "transfer" ((V, K)), "shading"
-        (FinishedShading), "bounced" ((V, K', 3) float32: bounced light per coefficient), "error" (float), "reference"
-        (ConvergedLight). The receiver needs only the last result of each kind. Raises InputError for a light that
-        cannot be read.
+        (FinishedShading), "bounced" ((V, K', 3) float32: bounced light per coefficient), "error" (float). The receiver
+        needs only the last result of each kind. Raises InputError for a light that cannot be read.
         """
         for kind, key in keys(wish).items():
             if self._sent.get(kind) != key:
@@ -227,14 +212,6 @@ class SessionLighting:
         shown = relighter.shading(environment, albedo, restrict(whole.settings, wish.effects))
         return self._error_of(shown.radiance, whole.radiance, wish)
 
-    def _reference(self, wish: LightWish) -> ConvergedLight | None:
-        if not wish.reference:
-            return None
-        if self._converged is None:  # separate rays: the picture must not be measured by itself
-            self._converged = Relighter(self.scene, "raytraced", seed=self._options.seed + 1, stages=self.stages)
-        shading = self._converged.shading(self._environment(wish), self.albedos[wish.albedo], CONVERGED)
-        return ConvergedLight(shading.radiance, self._error_of(shading.radiance, shading.radiance, wish))
-
     def _error_of(self, shown: NDArray, whole: NDArray, wish: LightWish) -> float:
         """Relative L2 error of radiance (V, 3) on the sample, against rays to all parts of the light.
 
@@ -289,7 +266,6 @@ def keys(wish: LightWish) -> dict[str, Any]:
         "shading": lit,
         "bounced": (*plan, BOUNCES in wish.effects),
         "error": lit,
-        "reference": (wish.environment, wish.angle_deg, wish.albedo) if wish.reference else None,
     }
 
 

@@ -10,8 +10,7 @@ from ..transfer.settings import BOUNCES, SUN
 from .canvas import BAR, CHIP, DARK, DIM, HANDLE, IDLE, KEY, MARGIN, ON, TEXT, WARNING, Canvas
 from .controls import CONTROLS, MOUSE, SLIDERS, Control, Slider, key_name
 from .hand_panel import draw_hand
-from .lighting import CONVERGED, SAMPLE, STAGES, FinishedShading
-from .modes import MODES, map_colors
+from .lighting import SAMPLE, STAGES, FinishedShading
 from .splats import WAITING
 from .state import RANGES
 
@@ -115,8 +114,6 @@ class Panel:
                 self._help(session, units)
             elif session.state.by_hand and session.hand is not None:
                 draw_hand(self._canvas, session.hand, units[1] - TOP, self._hot)
-            elif scale_end := MODES[session.state.mode].scale:
-                self._scalar_bar(session, units, scale_end(session))
         return self._canvas.show()
 
     def _top(self, session: "Session", units: Units) -> None:
@@ -234,25 +231,6 @@ class Panel:
         box = tuple(self._canvas.scale * number for number in (x - half, y - half, 2 * half, 2 * half))
         self.hot.insert(0, HotArea(box, "lamp", None, mark.number))
 
-    def _scalar_bar(self, session: "Session", units: Units, end: float) -> None:
-        width, _ = units
-        steps, tall = 48, 220
-        left, base = width - MARGIN - 16, BOTTOM + 76
-        known = session.answers.reference is not None
-        title = "relative error" if known else "reference follows"
-        title_width = max(self._canvas.width(title), 76)
-        self._canvas.rectangle(left + 26 - title_width - 12, base - 12, title_width + 12, tall + 44, BAR)
-        self._canvas.text(left + 20 - self._canvas.width(title), base + tall + 12, title, TEXT if known else DIM)
-        if not known:
-            return
-        for index, color in enumerate(map_colors(((np.arange(steps) + 0.5) / steps) ** 2)):
-            self._canvas.rectangle(
-                left + 6, base + index * tall / steps, 14, tall / steps + 0.5, (*map(int, color), 255)
-            )
-        for share in (0.0, 0.1, 0.25, 0.5, 1.0):
-            text = f"{100 * end * share:.3g} %"
-            self._canvas.text(left - self._canvas.width(text), base + share**0.5 * tall - 4, text, DIM)
-
     def _help(self, session: "Session", units: Units) -> None:
         width, height = units
         rows = [(key_name(control), control.text) for control in CONTROLS if control.there(session)] + list(MOUSE)
@@ -287,7 +265,7 @@ def status(session: "Session", frames_per_second: float | None = None) -> tuple[
 
 def _figures(session: "Session", frames_per_second: float | None) -> list[str]:
     figures, lit = [], session.answers.lit
-    if session.answers.error is not None and session.state.mode in ("relit", "error"):
+    if session.answers.error is not None and session.state.mode == "relit":
         planned = f", planned {100 * lit.predicted:.2g} %" if lit is not None and lit.predicted is not None else ""
         figures.append(f"error {100 * session.answers.error:.2g} %{planned} (traced at {SAMPLE} vertices)")
     if session.light_seconds is not None:
@@ -301,14 +279,11 @@ def _figures(session: "Session", frames_per_second: float | None) -> list[str]:
 
 def _follows(session: "Session") -> str:
     """What the picture lacks, in words."""
-    state, reference = session.state, session.answers.reference
+    state = session.state
     if session.splats is not None and session.shows_splats and session.splats.waiting:
         return WAITING
     if state.environment != session.answers.light_name:
         return f"loading {state.environment}"
-    if state.mode == "error":
-        within = "" if reference is None else f", itself within {100 * reference.error:.2g} %"
-        return f"against {CONVERGED}{within}" if within else f"computing the reference: {CONVERGED}"
     if session.waiting_for:
         return f"{session.waiting_for} " + ("when the light rests" if state.turning else "on the way")
     return ""

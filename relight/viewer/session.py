@@ -1,7 +1,7 @@
 """An interactive session without windows: the user's settings, and the light for them.
 
 A new light shows at once: the transfer at hand is multiplied by the new coefficients, and bounced light is added in few
-bands. Suns and bounces in full, errors and references follow from the `worker` when the light rests.
+bands. Suns and bounces in full, and the error follow from the `worker` when the light rests.
 """
 
 import math
@@ -33,7 +33,7 @@ from .quick import harmonic_light, prepare
 from .request import SessionRequest
 from .sources import ObjectsUnder
 from .splats import RelitSplats
-from .state import ERROR, MODES, State, check_field, choices_of, first_state
+from .state import MODES, State, check_field, choices_of, first_state
 from .worker import ProcessWorker
 
 if TYPE_CHECKING:
@@ -187,7 +187,7 @@ class Session:
     def _wish(self, on: frozenset[str]) -> LightWish:
         """What the present state needs from the worker, with these effects: sun and bounces only with shadows."""
         s, effects = self.state, on if SHADOWS in on else frozenset()
-        return LightWish(s.environment, s.angle_deg, s.tolerance, effects, s.albedo, s.mode == ERROR)
+        return LightWish(s.environment, s.angle_deg, s.tolerance, effects, s.albedo)
 
     @property
     def effects(self) -> frozenset[str]:

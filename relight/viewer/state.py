@@ -31,11 +31,8 @@ RANGES = {
 """Ranges of the sliders. Angles wrap around, other values are clipped."""
 
 
-MODES = "relit", "albedo", "normals", "error"
+MODES = "relit", "albedo", "normals"
 """Names of what the surface shows."""
-
-ERROR = "error"
-"""The mode that needs converged light at every vertex."""
 
 START_TOLERANCE = 0.02
 """Default."""

@@ -15,7 +15,7 @@ from relight.viewer import quick
 from relight.viewer.camera import PICTURE_ASPECT, Orbit
 from relight.viewer.controls import CONTROLS, SLIDERS, key_name
 from relight.viewer.lighting import SAMPLE, SessionLighting, SessionScene, _gather, keys
-from relight.viewer.modes import MODES, error_scale, map_colors, surface_colors, vertex_errors
+from relight.viewer.modes import MODES, surface_colors
 from relight.viewer.request import SessionRequest
 from relight.viewer.session import REST_SECONDS, Session
 from relight.viewer.state import RANGES, choices_of
@@ -191,7 +191,7 @@ def test_exposure_is_in_stops_and_does_not_breathe(scene):
 
 def test_reset_returns_to_the_start_and_values_stay_in_range(scene):
     session = session_of(scene)
-    session.change(angle_deg=-30.0, exposure_ev=99.0, tolerance=9.0, mode="error", split_at=-1.0, effects=())
+    session.change(angle_deg=-30.0, exposure_ev=99.0, tolerance=9.0, mode="normals", split_at=-1.0, effects=())
     state = session.state
     assert (state.angle_deg, state.exposure_ev, state.tolerance) == (330.0, RANGES["exposure_ev"][1], 0.1)
     assert state.split_at == RANGES["split_at"][0]
@@ -243,32 +243,12 @@ def test_captured_lamps_shine_as_they_are_set(scene, known):
 # Views
 
 
-def test_the_error_view_measures_against_converged_light(scene):
-    session = session_of(scene)
-    session.change(mode="error")
-    assert vertex_errors(session) is None  # nothing is there yet, and nothing is made up
-    session.finish()
-    assert session.answers.reference.error < session.answers.error < 0.05
-    errors = vertex_errors(session)
-    length = np.linalg.norm(session.answers.reference.radiance, axis=1)
-    overall = np.linalg.norm(errors * (length + 0.01 * np.sqrt(np.mean(length**2)))) / np.linalg.norm(length)
-    assert overall == pytest.approx(relative(session.radiance(), session.answers.reference.radiance), rel=1e-4)
-    assert (errors > error_scale(session)).mean() <= 0.02
-    assert np.array_equal(surface_colors(session), map_colors(errors / error_scale(session)))
-
-
 def test_views_show_albedo_and_normals_whatever_the_light(scene):
     session = session_of(scene)
     expected = {"albedo": scene.colors_srgb, "normals": bytes_from_unit(0.5 + 0.5 * scene.normals)}
     for name, colors in expected.items():
         session.change(mode=name, angle_deg=50.0)
         assert np.abs(surface_colors(session).astype(int) - colors).max() <= 1
-
-
-def test_the_error_scale_grows_brighter_all_the_way():
-    lightness = map_colors(np.linspace(0.0, 1.0, 200)).astype(float) @ [0.2126, 0.7152, 0.0722]
-    assert (np.diff(lightness) >= -0.5).all() and np.ptp(lightness) > 180
-    assert np.array_equal(map_colors(np.array([-1.0, 2.0])), map_colors(np.array([0.0, 1.0])))
 
 
 # The worker
@@ -288,12 +268,10 @@ def test_the_worker_answers_as_if_it_were_here_and_survives_bad_lights(scene, tm
         with pytest.raises(InputError, match=r"broken\.hdr"):
             session.finish()
         assert "broken.hdr" in session.answers.message and session.answers.light_name == "noon"
-        session.change(
-            environment="noon", tolerance=0.003, mode="error"
-        )  # seconds of work, of no use once the next wish is there
+        session.change(environment="noon", tolerance=0.003)  # seconds of work, of no use once the next wish is there
         while session.answers.progress is None and not session.settled:  # the worker has not begun
             session.poll()
-        session.change(tolerance=0.05, mode="relit", angle_deg=10.0)
+        session.change(tolerance=0.05, angle_deg=10.0)
         session.finish()
         assert session.answers.message == "" and session.complete
         session.answers._worker._process.kill()
@@ -363,9 +341,9 @@ def test_only_work_that_a_newer_wish_makes_pointless_ends_early(scene):
     wish = session_of(scene).answers.wish
     turned, finer = wish._replace(angle_deg=5.0), wish._replace(tolerance=0.01)
     unchanged = {kind for kind, key in keys(wish).items() if keys(turned)[kind] == key}
-    assert unchanged == {"light", "unshadowed", "transfer", "bounced", "reference"}
+    assert unchanged == {"light", "unshadowed", "transfer", "bounced"}
     unchanged = {kind for kind, key in keys(wish).items() if keys(finer)[kind] == key}
-    assert unchanged == {"light", "unshadowed", "reference"}
+    assert unchanged == {"light", "unshadowed"}
 
 
 # Controls and camera
@@ -382,7 +360,7 @@ def test_every_control_is_distinct_and_explained():
         "hand",
         "both",
     }
-    assert [control.key for control in CONTROLS if control.text.startswith(MODES["error"].title)] == ["4"]
+    assert [control.key for control in CONTROLS if control.text.startswith(MODES["normals"].title)] == ["3"]
     assert SAMPLE == 256  # the panel says so
 
 

@@ -297,9 +297,8 @@ def test_nothing_written_overlaps_or_leaves_the_window(scene, size):
     states = [
         {},
         {"help": True},
-        {"mode": "error"},
         {"split": True},
-        {"split_at": 0.98, "split": True, "mode": "error"},
+        {"split_at": 0.98, "split": True},
     ]
     for changes in states:
         window.reset()
@@ -337,11 +336,6 @@ def test_the_panel_shows_error_times_and_what_is_missing(window):
     window.session.change(angle_deg=40.0)
     window.picture()
     assert any("on the way" in text for text, *_ in window.panel.boxes)
-    window.session.change(mode="error")
-    window.session.finish()
-    window.picture()
-    written = [text for text, *_ in window.panel.boxes]
-    assert "relative error" in written and any("10 bands, 512 rays" in text for text in written)
 
 
 # Endurance
