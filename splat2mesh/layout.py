@@ -38,7 +38,7 @@ from .views.upright import UP_CHOICES
 _KEYS = ("splat", "name", "position", "rotation_deg", "quat_wxyz", "scale", "up", "vertices", "cameras", "lod")
 _OWN_SETTINGS = ("vertices", "up", "cameras", "lod", "up_from")
 MOST_OBJECTS = 10_000
-_LARGEST = 1e6
+LARGEST = 1e6
 """Largest positions and scales: float32 vertices that far out are still exact to a tenth of a unit."""
 
 
@@ -209,11 +209,11 @@ def _pose(where: str, entry: dict[str, Any]) -> Matrix4:
     if "rotation_deg" in entry and "quat_wxyz" in entry:
         raise InputError(f"{where}: give rotation_deg or quat_wxyz, not both")
     (scale,) = _numbers(where, "scale", [entry.get("scale", 1.0)], 1)
-    if not 1 / _LARGEST <= scale <= _LARGEST:
-        raise InputError(f"{where}: scale must be a positive factor, {1 / _LARGEST:g} to {_LARGEST:g}, found {scale:g}")
+    if not 1 / LARGEST <= scale <= LARGEST:
+        raise InputError(f"{where}: scale must be a positive factor, {1 / LARGEST:g} to {LARGEST:g}, found {scale:g}")
     position = _numbers(where, "position", entry.get("position", [0, 0, 0]), 3)
-    if max(map(abs, position)) > _LARGEST:
-        raise InputError(f"{where}: position must be within +-{_LARGEST:g}, found {position}")
+    if max(map(abs, position)) > LARGEST:
+        raise InputError(f"{where}: position must be within +-{LARGEST:g}, found {position}")
     return similarity(scale, _rotation(where, entry), position)
 
 

@@ -19,6 +19,7 @@ from splat2mesh.base.arrays import Triple
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.inputs import inside
 from splat2mesh.base.specs import clip, parse_spec, plain
+from splat2mesh.layout import LARGEST
 from splat2mesh.scene.mesh import Mesh
 
 WORDS = ("at", "turn", "scale", "on", "albedo")
@@ -26,8 +27,6 @@ WORDS = ("at", "turn", "scale", "on", "albedo")
 
 SUPPORTS = ("floor",)
 """The surfaces that an object may be dropped on."""
-
-MOST_SCALE = 1e6
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +52,7 @@ class AskedInsert:
         set_to(self, "at", _vector("at", self.at))
         set_to(self, "turn_deg", _number("turn", self.turn_deg, -math.inf, math.inf))
         if self.scale is not None:
-            set_to(self, "scale", _number("scale", self.scale, 0.0, MOST_SCALE))
+            set_to(self, "scale", _number("scale", self.scale, 0.0, LARGEST))
         if self.on is not None and self.on not in SUPPORTS:
             raise InputError(f"on {clip(self.on)}: expected {' or '.join(SUPPORTS)}")
         if self.albedo is not None:

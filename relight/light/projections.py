@@ -18,7 +18,7 @@ from ..sh.latlong import project_latlong
 
 _EMPTY_SHARE = 0.9  # of the texels outside the picture; the rest leaves room for a logo in a corner
 _DARK = 0.01  # outside counts as black below this share of the median inside
-_SUBSAMPLES = 4  # a side of each texel: a sun as wide as one keeps its energy to within 1 to 3%
+SUBSAMPLES = 4  # a side of each texel: a sun as wide as one keeps its energy to within 1 to 3%
 
 # Vertical cross: (column, row) of each face, and the directions of its centre, its right and its lower edge.
 _CROSS_FACES = (
@@ -138,7 +138,7 @@ def _resample(
 
     pixel: function of a direction's x, y, z to image coordinates (column, row), texel centres at + 1/2.
     """
-    width, k = 2 * height, _SUBSAMPLES
+    width, k = 2 * height, SUBSAMPLES
     result = np.zeros((height, width, 3), np.float32)
     rows = max(1, 2**18 // (width * k * k))
     for start in range(0, height, rows):

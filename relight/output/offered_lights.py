@@ -13,6 +13,7 @@ from ..engine.appearance import Appearance
 from ..engine.by_hand import LightByHand, can_be_set
 from ..engine.relighter import Relighter
 from ..light.environment import Environment
+from ..light.projections import SUBSAMPLES
 from ..light.tonemap import compress_highlights
 from .sheet import INK
 
@@ -24,9 +25,6 @@ MARGIN = 6
 
 MIDDLE = 0.5
 """Display value of the median luminance of a map's upper half."""
-
-FINER = 4
-"""Texels across that make up one of a map, so that no sun falls between them."""
 
 Painter = Callable[[NDArray[np.float32], NDArray[np.float32]], NDArray[np.uint8]]
 """(albedo, irradiance of the capture), (V, 3) each -> picture, (H, W, 3) uint8."""
@@ -58,8 +56,8 @@ def label(number: int, offered: SkyAndSun) -> str:
 def light_map(environment: Environment, width: int) -> NDArray[np.uint8]:
     """The lat-long map of a light, (width / 2, width, 3) uint8, exposed for its upper half."""
     height = width // 2
-    directions = texel_directions(FINER * height, FINER * width).reshape(-1, 3)
-    fine = environment.lookup(directions).astype(np.float64).reshape(height, FINER, width, FINER, 3)
+    directions = texel_directions(SUBSAMPLES * height, SUBSAMPLES * width).reshape(-1, 3)
+    fine = environment.lookup(directions).astype(np.float64).reshape(height, SUBSAMPLES, width, SUBSAMPLES, 3)
     image = fine.mean(axis=(1, 3))
     level = max(float(np.median(luminance(image[: height // 2]))), 1e-9)
     shown = compress_highlights((image * MIDDLE / level).reshape(-1, 3).astype(np.float32))

@@ -18,6 +18,7 @@ from ..base.threads import in_batches
 from ..scene.scene import Scene
 from ..splats.frames import has_moved
 from ..splats.splats import Splats
+from .album import ROUNDING
 
 NEAREST = 6
 """Nearest vertices to use beside the nearest point of the surface. On a tabletop 1 gains 0.3 dB but follows the noise
@@ -35,7 +36,6 @@ LEAST_AGREEMENT = 0.02
 surface is a neighbour's side, such as the foot of an object on a table, points that agree come first."""
 
 _BATCH = 1 << 13
-_ROUNDING = 1e-9  # of a sum of squares: where Gaussians stand on one line, the least turn is taken
 
 
 class Pose(NamedTuple):
@@ -126,7 +126,8 @@ def _rigid(weights: Floats, before: Points, after: Points) -> tuple[NDArray[np.f
     middle = [(share * each).sum(axis=1) for each in (before, after)]
     first, second = (each - center[:, None] for each, center in zip((before, after), middle, strict=True))
     product = np.einsum("nki,nkj->nij", share * second, first)
-    product += _ROUNDING * np.abs(product).sum(axis=(1, 2), keepdims=True) * np.eye(3)
+    # Where Gaussians stand on one line, the least turn is taken.
+    product += ROUNDING * np.abs(product).sum(axis=(1, 2), keepdims=True) * np.eye(3)
     left, _, right = np.linalg.svd(product)
     left[:, :, 2] *= np.linalg.det(left @ right)[:, None]
     turn = left @ right
