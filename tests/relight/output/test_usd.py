@@ -6,9 +6,10 @@ from lit_ball import TILT, ball_scene, splats_of_ball
 
 from relight import Environment
 from relight.output.lamps_glb import ShownLight
-from relight.output.usd import FILE, LIGHT, SEEN_TO, write_usd
+from relight.output.usd import FILE, LIGHT, write_usd
 from splat2mesh.splats.formats import read_splats
 from splat2mesh.splats.placing import placed
+from splat2mesh.splats.splats import REACH
 
 pxr = pytest.importorskip("pxr", reason="usd-core is not installed")
 
@@ -54,7 +55,7 @@ def test_the_splats_are_a_particle_field_in_the_scene_frame(written):
         coefficients = np.array(field.GetRadianceSphericalHarmonicsCoefficientsAttr().Get())
         np.testing.assert_array_equal(coefficients.reshape(there.sh.shape), there.sh)
     low, high = np.array(field.GetExtentAttr().Get())
-    reach = SEEN_TO * splats.scales.max()
+    reach = REACH * splats.scales.max()
     assert (low >= placed(splats, TILT).means.min(axis=0) - 1.001 * reach).all()
     assert (low <= placed(splats, TILT).means.min(axis=0)).all() and (
         high >= placed(splats, TILT).means.max(axis=0)
