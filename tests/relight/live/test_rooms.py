@@ -34,7 +34,7 @@ def appearance():
 def without_ceiling(scene):
     """The scene without its highest faces."""
     chunk, (low, high) = scene.chunks[0], scene.bounds
-    above = (chunk.vertices[chunk.faces, 1] > high[1] - 0.05 * (high[1] - low[1])).all(axis=1)
+    above = (chunk.vertices[chunk.faces, 1] > high[1] - 0.2 * (high[1] - low[1])).all(axis=1)
     return replace(scene, chunks=[replace(chunk, faces=np.ascontiguousarray(chunk.faces[~above]))])
 
 
