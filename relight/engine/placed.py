@@ -85,7 +85,7 @@ class LampLight:
         relighter, beside = self._relighter, self._captured * self._look.irradiance
         more: dict[str, Any] = {"leaf": self._leaf, "least": self._least, "seed": relighter.options.seed}
         with relighter.stages.stage("plan"):
-            return plan_lamps(self._occluder, self._emitters, beside, self._tolerance, **more)
+            return plan_lamps(self._receivers, self._emitters, beside, self._tolerance, **more)
 
     @cached_property
     def bounce_plan(self) -> RayPlan | None:
@@ -97,7 +97,7 @@ class LampLight:
         with self._relighter.stages.stage("plan"):
             direct = self.glimpse()
             return plan_first_bounce(
-                self._occluder, self._albedo * direct, self._interreflection, beside + direct, left, seed
+                self._receivers, self._albedo * direct, self._interreflection, beside + direct, left, seed
             )
 
     def plan_dict(self) -> dict[str, Any]:
@@ -137,7 +137,7 @@ class LampLight:
 
     def glimpse(self) -> NDArray[np.float32]:
         """Direct light of all lamps by one ray to each from each vertex, (V, 3) float32: with hard shadows, at once."""
-        return lamplight(self._occluder, self._emitters, 1, at=self._ordered, least=self._least)
+        return lamplight(self._receivers, self._emitters, 1, at=self._ordered, least=self._least)
 
     def draft(self, advance: Advance = lambda count: None) -> NDArray[np.float32]:
         """Direct light of all lamps by `DRAFT_RAYS` in half-shadows, which no plan has chosen, (V, 3) float32."""
@@ -155,7 +155,7 @@ class LampLight:
         matrix, seed = self._interreflection, self._relighter.options.seed
         rays = 0 if self.bounce_plan is None else self.bounce_plan.rays
         with self._relighter.stages.stage("bounces", len(albedo)) as advance:
-            first = first_bounce(self._occluder, albedo * direct, rays, seed=seed, advance=advance) if rays else None
+            first = first_bounce(self._receivers, albedo * direct, rays, seed=seed, advance=advance) if rays else None
             radiance, bounces = with_bounces(direct, albedo, matrix, first=first)
         received = radiance / np.maximum(albedo, np.float32(DARKEST))
         dark = albedo < DARKEST  # the light that falls on black does not show in the light that black reflects
@@ -172,22 +172,28 @@ class LampLight:
     ) -> NDArray[np.float32]:
         seed = self._relighter.options.seed
         at, rays = LitVertices(leaf=self._leaf), self.plan.rays if rays is None else rays
-        light = lamplight(self._occluder, emitters, rays, at=at, least=self._least, seed=seed, advance=advance)
+        light = lamplight(self._receivers, emitters, rays, at=at, least=self._least, seed=seed, advance=advance)
         return light if self._evenness is None else self._evenness.average(light, AVERAGING_ROUNDS)
 
     @cached_property
     def _evenness(self) -> Evenness | None:
         """Smoothing in a closed room: scanned walls are dented, and lamps would show the noise of their normals."""
         closed = self._look.capture is not None and "room" in self._look.capture
-        return Evenness(self._occluder) if closed else None
+        return Evenness(self._relighter.occluder) if closed else None
 
-    @property
-    def _occluder(self) -> Occluder:
-        return self._relighter.occluder
+    @cached_property
+    def _receivers(self) -> Occluder:
+        """The occluder of the scene; in a closed room its vertices receive light by averaged normals."""
+        occluder = self._relighter.occluder
+        if self._evenness is None:
+            return occluder
+        receivers = copy.copy(occluder)
+        receivers.normals = self._evenness.average_directions(occluder.normals, AVERAGING_ROUNDS)
+        return receivers
 
     @cached_property
     def _ordered(self) -> Ordered:
-        return ordered(self._occluder, leaf=self._leaf, seed=self._relighter.options.seed)
+        return ordered(self._receivers, leaf=self._leaf, seed=self._relighter.options.seed)
 
     @cached_property
     def _leaf(self) -> NDArray[np.float32] | None:

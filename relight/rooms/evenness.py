@@ -4,6 +4,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from splat2mesh.base.sphere import NO_DIRECTION
+
 from ..transfer.neighbors import Neighbors
 from ..transfer.occluder import Occluder
 
@@ -32,3 +34,9 @@ class Evenness:
         for _ in range(rounds):
             nodes = self._blend @ nodes
         return nodes[self._node].astype(np.float32)
+
+    def average_directions(self, normals: NDArray[np.float32], rounds: int) -> NDArray[np.float32]:
+        """The same of unit normals (V, 3), unit again; where neighbours cancel out, the given ones."""
+        mean = self.average(normals, rounds)
+        length = np.linalg.norm(mean, axis=1, keepdims=True)
+        return np.where(length > NO_DIRECTION, mean / np.maximum(length, NO_DIRECTION), normals).astype(np.float32)

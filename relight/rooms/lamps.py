@@ -128,6 +128,7 @@ def light_of(
     lamp: Lamp,
     occluder: Occluder,
     areas: NDArray[np.float64],  # (V,) around each vertex, in squared diagonals
+    normals: NDArray[np.float32],  # (V, 3) of the vertices that are lit
 ) -> NDArray[np.float32]:
     """Radiance (V,) of white vertices under a lamp whose own is 1 all over: the sum over spots on it of cosine times
     cosine over pi times the squared distance, where the way is free."""
@@ -141,7 +142,7 @@ def light_of(
         spot = occluder.origins[row] + LIFT * outward
         toward = spot - occluder.origins
         square = np.einsum("ij,ij->i", toward, toward)
-        cosine = np.maximum(np.einsum("ij,ij->i", occluder.normals, toward), 0.0) * np.maximum(-(toward @ outward), 0.0)
+        cosine = np.maximum(np.einsum("ij,ij->i", normals, toward), 0.0) * np.maximum(-(toward @ outward), 0.0)
         lit = np.flatnonzero(cosine > 0.0)
         rays = np.hstack([occluder.origins[lit], toward[lit]]).astype(np.float32)
         lit = lit[~occluder.occluded(rays, FREE)]

@@ -69,10 +69,11 @@ class RoomIrradiance(NamedTuple):
 class RoomSurface(NamedTuple):
     """The V vertices of a room.
 
-    captured: (V, 3) linear. areas: (V,) around each vertex,
+    normals: (V, 3) unit vectors, averaged along the surface. captured: (V, 3) linear. areas: (V,) around each vertex,
     in squared diagonals. usable: (V,) mask of the vertices visible from inside that are not lamps.
     """
 
+    normals: NDArray[np.float32]
     captured: NDArray[np.float32]
     areas: NDArray[np.float64]
     usable: NDArray[np.bool_]
@@ -88,15 +89,15 @@ def places_of(
     through: NDArray[np.float32] | None = None,  # (V, 3) direct light of a known sky, which replaces the captured one
 ) -> RoomIrradiance:
     """Gather the light that sample points of a room receive from each emitter; no points if no vertex is usable."""
-    captured, areas, usable = surface
+    normals, captured, areas, usable = surface
     exposed = usable & (captured.min(axis=1) > DARK) & (captured.max(axis=1) < SATURATED)
     vertices = samples.places(occluder, areas, exposed, PLACES, seed)
     directions = fibonacci_sphere(DIRECTIONS)
     unlit = captured.copy()
     for rows in lamps:
         unlit[rows] = 0.0
-    free = _free(occluder, vertices, directions)
-    bounce = _sent(occluder, vertices, fibonacci_sphere(DIRECTIONS // HITS), unlit)
+    free = _free(occluder, normals, vertices, directions)
+    bounce = _sent(occluder, normals, vertices, fibonacci_sphere(DIRECTIONS // HITS), unlit)
     emitters = [np.repeat(light[vertices, None].astype(np.float64), 3, axis=1) for light in lamp_light]
     known: NDArray[np.float64] = np.zeros((len(vertices), 3))
     patches: Directions = np.zeros((0, 3))
@@ -112,7 +113,7 @@ def places_of(
         for number in range(len(patches)):
             some = np.flatnonzero(owner == number)
             emitters.append(free[:, some] @ unknown_part[some])
-    lying = np.hstack([occluder.origins[vertices], ONE_PLANE * occluder.normals[vertices]]).astype(np.float64)
+    lying = np.hstack([occluder.origins[vertices], ONE_PLANE * normals[vertices]]).astype(np.float64)
     pairs, weights = samples.neighbor_pairs(lying)
     stacked = np.stack(emitters) if emitters else np.zeros((0, len(vertices), 3))
     logs = np.log(captured[vertices].astype(np.float64))
@@ -160,13 +161,13 @@ def _patches(directions: Directions, brought: Floats) -> tuple[Directions, Integ
     )
 
 
-def _free(occluder: Occluder, vertices: Integers, directions: Directions) -> NDArray[np.float32]:
+def _free(occluder: Occluder, smooth: Directions, vertices: Integers, directions: Directions) -> NDArray[np.float32]:
     """Free directions (N, K) float32, weighted by cosine to sum to the visible fraction."""
     free = np.zeros((len(vertices), len(directions)), np.float32)
     toward = np.ascontiguousarray(directions, np.float32)
     for start in range(0, len(vertices), samples.BATCH):
         some = vertices[start : start + samples.BATCH]
-        cosine = occluder.normals[some] @ toward.T
+        cosine = smooth[some] @ toward.T
         place, direction = np.nonzero(cosine > 0.0)
         blocked = occluder.occluded(np.hstack([occluder.origins[some][place], toward[direction]]))
         weight = cosine[place, direction] * np.float32(4.0 / len(directions))
@@ -174,13 +175,15 @@ def _free(occluder: Occluder, vertices: Integers, directions: Directions) -> NDA
     return free
 
 
-def _sent(occluder: Occluder, vertices: Integers, directions: Directions, captured: Radiance) -> NDArray[np.float64]:
+def _sent(
+    occluder: Occluder, smooth: Directions, vertices: Integers, directions: Directions, captured: Radiance
+) -> NDArray[np.float64]:
     """Light (N, 3) float64 from other surfaces. Back faces are black; what the occluder is shut with sends the mean."""
     bounce = np.zeros((len(vertices), 3))
     toward = np.ascontiguousarray(directions, np.float32)
     for start in range(0, len(vertices), samples.BATCH):
         some = vertices[start : start + samples.BATCH]
-        cosine = occluder.normals[some] @ toward.T
+        cosine = smooth[some] @ toward.T
         place, direction = np.nonzero(cosine > 0.0)
         rays = np.hstack([occluder.origins[some][place], toward[direction]])
         hits = occluder.first_hits(rays)

@@ -41,7 +41,7 @@ LEAST_SEEN = 0.3
 """Share of a lamp's area that must have been seen from where the capture stood."""
 
 AVERAGING_ROUNDS = 6
-"""Rounds in which the light of a lamp is averaged over neighbours: few rays are noise, and scans have dents."""
+"""Rounds in which the light of a lamp is averaged over neighbours: scans of rooms have noisy normals."""
 
 
 class Room(NamedTuple):
@@ -108,7 +108,7 @@ class _Shown(NamedTuple):
     """What a capture shows of a room of V vertices, and how light travels in it.
 
     seen: (V,) mask of what was visible to it; below: of what does not lie above the ceiling. even: for light.
-    bounce: (V, 3) radiance of white under the captured colours around it.
+    normals: averaged along the surface. bounce: (V, 3) radiance of white under the captured colours around it.
     known: the light outside where that is given.
     """
 
@@ -120,6 +120,7 @@ class _Shown(NamedTuple):
     seen: Mask
     below: Mask
     even: Evenness
+    normals: NDArray[np.float32]
     bounce: NDArray[np.float32]
     known: WindowLight | None
 
@@ -139,6 +140,7 @@ class _Shown(NamedTuple):
             seen=seen,
             below=below_ceiling(occluder, eyes),
             even=even,
+            normals=even.average_directions(occluder.normals, AVERAGING_ROUNDS),
             bounce=transport.interreflection.bounce(captured),
             known=None if light is None else WindowLight.of(light, occluder, transport.transfer, weights),
         )
@@ -150,7 +152,7 @@ class _Shown(NamedTuple):
         return [lamp for lamp in found if self.areas[lamp.rows] @ self.seen[lamp.rows] > LEAST_SEEN * lamp.area]
 
     def light_of(self, lamp: lamps.Lamp) -> NDArray[np.float32]:
-        light = lamps.light_of(lamp, self.occluder, self.areas)
+        light = lamps.light_of(lamp, self.occluder, self.areas, self.normals)
         return self.even.average(light, AVERAGING_ROUNDS)
 
 
@@ -204,7 +206,7 @@ class _Search:
             usable[lamp.rows] = False
         rows = [lamp.rows for lamp in self.found]
         stacked = np.stack(self.lights) if self.lights else np.zeros((0, len(shown.captured)), np.float32)
-        surface = received.RoomSurface(shown.captured, shown.areas, usable)
+        surface = received.RoomSurface(shown.normals, shown.captured, shown.areas, usable)
         through = None if shown.known is None else shown.known.direct
         places = received.places_of(shown.occluder, surface, rows, stacked, shown.sky, self._seed + sample, through)
         return places, strengths.solve(places, np.array([lamp.color for lamp in self.found]).reshape(-1, 3))

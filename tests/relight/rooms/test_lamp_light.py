@@ -48,7 +48,7 @@ def lit(*between):
     middle = floor[np.argmin(np.linalg.norm(mesh[0][floor], axis=1))]
     area = float(areas[bulb].sum())
     lamp = lamps.Lamp(bulb, area, occluder.origins[bulb].mean(axis=0), np.array(DOWN), np.ones(3))
-    return lamps.light_of(lamp, occluder, areas)[middle]
+    return lamps.light_of(lamp, occluder, areas, occluder.normals)[middle]
 
 
 def test_a_small_lamp_lights_by_its_area_and_the_inverse_square_of_the_distance():
@@ -84,6 +84,15 @@ def test_averages_keep_what_is_even_and_the_mean_of_a_pair():
     assert ramp[middle] == pytest.approx(0.0, abs=1e-6)
     noisy = np.random.default_rng(0).normal(size=len(vertices))
     assert even.average(noisy, 4).std() < 0.5 * noisy.std()
+
+
+def test_a_mean_of_directions_has_length_one():
+    vertices, normals, faces = sheet(1.0, 0.0, UP, 6)
+    tilted = normals + np.random.default_rng(1).normal(scale=0.2, size=normals.shape)
+    tilted = (tilted / np.linalg.norm(tilted, axis=1, keepdims=True)).astype(np.float32)
+    mean = Evenness(Occluder(vertices, normals, faces)).average_directions(tilted, 4)
+    np.testing.assert_allclose(np.linalg.norm(mean, axis=1), 1.0, rtol=1e-5)
+    assert mean[:, 1].mean() > tilted[:, 1].mean()
 
 
 def test_a_room_without_emitters_has_no_strengths_and_a_sky_that_nobody_saw_is_dimmer_beneath():
