@@ -80,7 +80,8 @@ class Job:
     def begin(self) -> None:
         """As `KnownScene.begin`."""
         _ = self.known.relighter  # before the light is asked for
-        self.known.begin(not (self.light_kind is LightKind.CAPTURED or self.inputs.options.opened))
+        traces = self.light_kind is not LightKind.CAPTURED or any(each.has_own for each in self.inputs.lit_parts)
+        self.known.begin(traces and not self.inputs.options.opened)
 
     # the light
 
@@ -190,6 +191,7 @@ class Job:
         others = (
             self.light_kind.adds
             or self.inputs.asked_inserts
+            or self.request.parts
             or self.request.baked
             or set(self.inputs.formats) - OF_SURFACES
         )
