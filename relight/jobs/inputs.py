@@ -131,9 +131,8 @@ class Inputs:
 
     @cached_property
     def lit_parts(self) -> list[LitPart]:
-        """The parts in lights of their own, as requested, with these read."""
-        found = [LitPart.parse(each) for each in self.request.parts]
-        return [each if each.env is None else replace(each, env=light_of(each.env)) for each in found]
+        """The parts in lights of their own, as requested."""
+        return [LitPart.parse(each) for each in self.request.parts]
 
     @property
     def asked_parts(self) -> list[AskedPart]:

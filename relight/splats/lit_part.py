@@ -20,6 +20,8 @@ from splat2mesh.base.errors import InputError
 from splat2mesh.base.specs import clip, parse_spec, plain
 
 from ..lamps.color import WHITE, parse_color
+from ..light.environment import Environment
+from ..light.loading import light_of
 from .kept_parts import kept_parts
 from .part_spec import PartSpec
 from .parts import AskedPart
@@ -32,22 +34,25 @@ MOST_EV = 10.0
 
 @dataclass(frozen=True, eq=False)
 class LitPart:
-    """A part and its light. env: an Environment, file or name; None for the light of the rest. angle_deg: its turn
-    about +y; None for that of the rest. exposure_ev: stops by which it is brighter. tint: linear, luminance 1."""
+    """A part and its light. env: an Environment; None for the light of the rest. angle_deg: its turn about +y;
+    None for that of the rest. exposure_ev: stops by which it is brighter. tint: linear, luminance 1."""
 
     part: AskedPart
-    env: Any = None
+    env: Environment | None = None
     angle_deg: float | None = None
     exposure_ev: float = 0.0
     tint: Triple = WHITE
 
     @classmethod
     def parse(cls, given: Any) -> "LitPart":
-        """The part of a text or a dictionary. Raises InputError that names the field `parts`."""
+        """The part of a text or a dictionary, and its light, read. Raises InputError that names the field `parts`."""
         words = fields_of(given)
         part = words.pop("part")
         try:
-            return cls(AskedPart((PartSpec.parse(part),), "parts"), **checked(words))
+            light = checked(words)
+            if "env" in light:
+                light["env"] = light_of(light["env"])
+            return cls(AskedPart((PartSpec.parse(part),), "parts"), **light)
         except InputError as error:
             raise InputError(f"`parts` {clip(part)}: {plain(error)}") from None
 

@@ -21,8 +21,8 @@ from .history import Timeline
 from .sources import PartSource
 
 REACH = 0.12
-"""Of a first click, by `scripts/fit parts`: of those tried, a third of an octave apart, the one with most in common with
-the parts of eight generated scenes. On eight others .095 is best."""
+"""Of a first click, by `scripts/fit parts`: of those tried, a third of an octave apart, the one with most in common
+with the parts of eight generated scenes. On eight others .095 is best."""
 
 TINT = np.array([224, 118, 45], np.float32)
 """sRGB of what is in the part, half of the colour that shows."""

@@ -27,8 +27,8 @@ def test_a_part_keeps_a_light_of_its_own(tmp_path):
     (found,) = with_kept_lights(("part1 exposure=2 tint=3000K",), tmp_path)
     mask, light = str(tmp_path / "part1.npy"), str(tmp_path / "lamp.exr")
     assert found == {"part": mask, "env": light, "exposure": "2", "tint": "3000K"}
-    part = LitPart.parse(found)
-    assert (part.env, part.exposure_ev, part.words) == (light, 2.0, mask)
+    part = LitPart.parse(found | {"env": "noon"})
+    assert (part.env.name, part.exposure_ev, part.words) == ("noon", 2.0, mask)
     assert with_kept_lights(({"part": MASK, "exposure": 1},), tmp_path)[0]["part"] is MASK
 
 
