@@ -102,8 +102,8 @@ def _with_parts_by_hand(request: RelightRequest) -> RelightRequest:
         return request
     whole = Path(request.scene).is_file() or request.sequence
     folder = default_folder(request.scene) if whole else request.scene
-    changes = {name: with_files(getattr(request, name), folder) for name in ("only", "keep")}
-    return replace(request, **changes, parts=with_kept_lights(request.parts, folder))
+    only, keep = (with_files(each, folder) for each in (request.only, request.keep))
+    return replace(request, only=only, keep=keep, parts=with_kept_lights(request.parts, folder))
 
 
 def is_city(request: RelightRequest) -> bool:

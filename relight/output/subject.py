@@ -100,6 +100,7 @@ class WrittenScene:
         found = self._where_new(shaded)
         for part in self.lit_parts:
             own, shares, shading = part.under(shaded), part.shares.vertices, found.shading
+            assert own.shading.received is not None  # as of a PartInLight
             level, received = np.float32(own.exposure / shaded.exposure), shading.received
             if received is None:
                 received = self.appearance.received(shading.radiance, shaded.exposure)

@@ -10,7 +10,7 @@ where the text says nothing else.
 
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -86,9 +86,9 @@ def checked(words: Mapping[str, Any]) -> dict[str, Any]:
     """Fields of a LitPart from FIELDS. Raises InputError for others, for none and for values that they cannot have."""
     unknown = next((name for name in words if name not in FIELDS), None)
     if unknown is not None or not words:
-        found = clip(unknown) if words else "none"
-        raise InputError(f"its light has {', '.join(FIELDS)}, each as name=value; found {found}")
-    found = {"env": words["env"]} if "env" in words else {}
+        other = clip(unknown) if words else "none"
+        raise InputError(f"its light has {', '.join(FIELDS)}, each as name=value; found {other}")
+    found: dict[str, Any] = {"env": words["env"]} if "env" in words else {}
     if "rotate" in words:
         found["angle_deg"] = _number("rotate", words["rotate"], math.inf) % 360.0
     if "exposure" in words:
@@ -109,7 +109,7 @@ def _number(name: str, value: Any, most: float) -> float:
     return number
 
 
-def with_kept_lights(given: tuple[Any, ...], folder: str | os.PathLike[str]) -> tuple[dict[str, Any], ...]:
+def with_kept_lights(given: Sequence[Any], folder: str | os.PathLike[str]) -> tuple[dict[str, Any], ...]:
     """Requested parts, of which names of parts of a scene folder are replaced by their masks and what they keep of
     their light."""
     known, found = kept_parts(folder), []
