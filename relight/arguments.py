@@ -255,6 +255,11 @@ def parser() -> argparse.ArgumentParser:
         metavar="SPEC|FILE",
         help="new light on all but this part, as --only names it; repeatable",
     )
+    lit = (
+        "a part, as --only names it, in a light of its own: env=FILE|NAME, rotate=DEG, exposure=EV, tint=KELVIN|R,G,B; "
+    )
+    lit += "of a part made in the session also what it keeps; repeatable"
+    add("--part", dest="parts", nargs="+", action="append", metavar="SPEC", help=lit)
     shadow = "with --only or --keep: what takes the new light also casts its shadow on the rest"
     add("--shadow-of-parts", action="store_true", help=shadow)
     lights = "more lights for --format live and web, beside that of --env and the built-in ones"

@@ -98,6 +98,7 @@ def _word_or_file(option: str, value: str, words: Iterable[str]) -> str:
 READ: dict[str, Callable[[Any], Any]] = {
     "placed": _phrases,
     "inserted": _phrases,
+    "parts": _phrases,
     "method": lambda value: chosen("--method", value, METHODS),
     "tolerance": lambda value: share("--tolerance", value),
     "captured_sky": lambda value: _word_or_file("--captured-sky", value, CAPTURED_SKIES),
@@ -299,12 +300,16 @@ def _doubt(report: dict[str, Any]) -> list[str]:
 
 
 def _part(report: dict[str, Any]) -> list[str]:
-    """The line of the summary on a part that alone takes the new light, or alone does not."""
-    counts = (report.get("part") or {}).get("splats")
-    if counts is None:
-        return []
-    name = "only" if "only" in report["part"] else "keep"
-    return [f"  --{name}: {counts['part']:,} of {counts['all']:,} splats, and {counts['rim']:,} at the rim"]
+    """The lines of the summary on a part that alone takes the new light, or alone does not, and on others in lights of
+    their own."""
+    part = report.get("part") or {}
+    named = [("--only" if "only" in part else "--keep", part)]
+    named += [(f"--part {each['part']}", each) for each in report.get("parts") or []]
+    counted = [(name, each["splats"]) for name, each in named if "splats" in each]
+    return [
+        f"  {name}: {counts['part']:,} of {counts['all']:,} splats, and {counts['rim']:,} at the rim"
+        for name, counts in counted
+    ]
 
 
 def _cleaned(report: dict[str, Any]) -> list[str]:

@@ -105,6 +105,8 @@ class RelightRequest:
     only, keep : sequence of str, path or array
         Parts that alone take the new light, or alone keep the captured one, as of `splats.part_spec`. shadow_of_parts :
         what takes the new light also casts its shadow on the rest, and its captured shadow is taken away.
+    parts : sequence of str or dict
+        Parts in lights of their own, as of `splats.lit_part`: "part1 env=sunset exposure=1".
     lights : sequence
         More lights for the page and the bundle.
     probe_at : sequence of (3,)
@@ -168,6 +170,7 @@ class RelightRequest:
     only: Sequence[Any] = ()
     keep: Sequence[Any] = ()
     shadow_of_parts: bool = False
+    parts: Sequence[Any] = ()
     lights: Sequence[AnyLight] = ()
     probe_at: Sequence[Any] = ()
     probes: str = ""
@@ -191,7 +194,7 @@ class RelightRequest:
         self._bring_into_form()
         self._check_sun()
         if self.env == AUTO:
-            changes = self.lighting.changes_captured_light or bool(self.inserted) or self.needs_no_light
+            changes = self.lighting.changes_captured_light or bool(self.inserted or self.parts) or self.needs_no_light
             self._set("env", CAPTURED if changes else "studio")
         self._set("probe_at", tuple(_place("probe_at", each) for each in self.probe_at))
         self._check_tint()
@@ -212,7 +215,7 @@ class RelightRequest:
 
     def _bring_into_form(self) -> None:
         """Make tuples of lists, and one light of a list with one."""
-        for name in ("inserted", "only", "keep"):
+        for name in ("inserted", "only", "keep", "parts"):
             value = getattr(self, name)
             self._set(name, tuple(value) if isinstance(value, (list, tuple)) else (value,))
         for name in ("angles_deg", "baked", "lights", "probe_at"):

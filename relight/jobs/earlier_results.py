@@ -27,6 +27,7 @@ from ..insert.asked import asked_inserts, described
 from ..lamps.placing import asked_lamps, in_brief
 from ..light.captured_light import light_file
 from ..light.daylight import DaylightRequest
+from ..splats.lit_part import fields_of
 
 if TYPE_CHECKING:
     from ..insert.asked import AskedInsert
@@ -75,6 +76,7 @@ def settings_of(request: "RelightRequest", env: "AnyLight", angle_deg: float) ->
         "only": [_described_part(each) for each in request.only],
         "keep": [_described_part(each) for each in request.keep],
         "shadow_of_parts": request.shadow_of_parts,
+        "parts": [_described_lit_part(each) for each in request.parts],
     }
     lighting = request.lighting
     found.update({each.name: getattr(lighting, each.name) for each in fields(lighting)})
@@ -121,6 +123,15 @@ def _described_part(given: Any) -> Any:
     if isinstance(given, np.ndarray) or os.path.isfile(given):
         return _described(given)
     return {"name": str(given)}
+
+
+def _described_lit_part(given: Any) -> dict[str, Any]:
+    """A part in a light of its own."""
+    words = fields_of(given)
+    part, env = _described_part(words.pop("part")), words.pop("env", None)
+    light = {"env": _described(env), **{name: str(words[name]) for name in sorted(words)}}
+    named = [f"{name}={_shown(each)}" for name, each in light.items() if each is not None]
+    return {**light, "part": part, "name": " ".join([str(part["name"]), *named])}
 
 
 def _described_insert(asked: "AskedInsert") -> dict[str, Any]:

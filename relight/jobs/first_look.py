@@ -37,9 +37,8 @@ RELIT = "relit"
 
 def has_first_look(request: RelightRequest) -> bool:
     """Whether a picture is wanted that can be shown in advance."""
-    return (
-        _plain(request) and not (request.only or request.keep) and (request.formats is None or "png" in request.formats)
-    )
+    parted = request.only or request.keep or request.parts
+    return _plain(request) and not parted and (request.formats is None or "png" in request.formats)
 
 
 def _plain(request: RelightRequest) -> bool:

@@ -26,6 +26,7 @@ from ..light.environment import Environment
 from ..output.kinds import FILES, SHEET
 from ..request import AnyLight, RelightRequest
 from ..splats.kept_parts import with_files
+from ..splats.lit_part import LitPart, with_kept_lights
 from ..splats.part_spec import SplatFile
 from ..splats.parts import AskedPart
 from .earlier_results import check_results, is_first_look, is_results, settings_of
@@ -96,10 +97,13 @@ def relight_files(request: RelightRequest, stages: Stages | None = None) -> Reli
 
 def _with_parts_by_hand(request: RelightRequest) -> RelightRequest:
     """The request with masks for the names of parts in the folder of its scene."""
-    if not (request.only or request.keep) or not isinstance(request.scene, (str, os.PathLike)):
+    parted = request.only or request.keep or request.parts
+    if not parted or not isinstance(request.scene, (str, os.PathLike)) or "://" in os.fspath(request.scene):
         return request
-    folder = default_folder(request.scene) if Path(request.scene).is_file() else request.scene
-    return replace(request, only=with_files(request.only, folder), keep=with_files(request.keep, folder))
+    whole = Path(request.scene).is_file() or request.sequence
+    folder = default_folder(request.scene) if whole else request.scene
+    only, keep = (with_files(each, folder) for each in (request.only, request.keep))
+    return replace(request, only=only, keep=keep, parts=with_kept_lights(request.parts, folder))
 
 
 def is_city(request: RelightRequest) -> bool:
@@ -131,12 +135,14 @@ def _look_ahead(request: RelightRequest, stages: Stages) -> tuple[Capture | None
     """Show a splat that has no scene yet in the first of its lights, where that is possible, or find a requested part:
     what was read of it, and the folder of the picture."""
     part = AskedPart.parse(request.only, request.keep)
-    scene = splat_to_mesh(request) if has_first_look(request) or part else None
+    parts = ([] if part is None else [part]) + [LitPart.parse(each).part for each in request.parts]
+    scene = splat_to_mesh(request) if has_first_look(request) or parts else None
     if scene is None:
         return None, None
-    if part is not None:
+    if parts:
         capture = capture_of(scene, request.meshing, stages)
-        part.of_splats(SplatFile(capture.loaded, Path(scene)))  # or an InputError, before it is meshed
+        for each in parts:
+            each.of_splats(SplatFile(capture.loaded, Path(scene)))  # or an InputError, before it is meshed
         return capture, None
     lights = lights_of(request)
     folder = output_folders(replace(request, scene=default_folder(scene)), lights)[0]

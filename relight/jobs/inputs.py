@@ -26,6 +26,7 @@ from ..light.loading import light_of
 from ..options import DEFAULT_TOLERANCE, PLACE_TOLERANCE, LightingOptions
 from ..output.kinds import AROUND, DEFAULT_KINDS, FILES, OF_SPLATS, WITHOUT_LIGHT
 from ..request import RelightRequest
+from ..splats.lit_part import LitPart
 from ..splats.parts import AskedPart
 from .meshing import SceneAtHand
 
@@ -51,7 +52,12 @@ class Inputs:
     @cached_property
     def read_scene(self) -> Scene:
         """The scene as read; of an animation its first frame."""
-        _ = self.environment, self.asked_lamps, self.asked_inserts, self.asked_part  # or an InputError, before any work
+        _ = (
+            self.environment,
+            self.asked_lamps,
+            self.asked_inserts,
+            self.asked_parts,
+        )  # or an InputError, before any work
         if self._at_hand is not None:
             return self._at_hand.scene
         with self.stages.stage("load"):
@@ -70,7 +76,7 @@ class Inputs:
         """
         wanted = bool(set(OF_SPLATS) & set(self.request.formats or ()))
         asked = wanted or (self.of_splats and (bool(self.request.baked) or self.request.splat is not None))
-        asked = asked or (self.asked_part is not None and self.asked_part.needs_splats)
+        asked = asked or any(each.needs_splats for each in self.asked_parts)
         if not asked and "sha256" not in self.read_scene.source:
             return None
         with self.stages.stage("load"):
@@ -122,6 +128,17 @@ class Inputs:
     def asked_part(self) -> AskedPart | None:
         """The part that takes the new light or keeps the captured one, as requested; None for all in the new light."""
         return AskedPart.parse(self.request.only, self.request.keep)
+
+    @cached_property
+    def lit_parts(self) -> list[LitPart]:
+        """The parts in lights of their own, as requested."""
+        return [LitPart.parse(each) for each in self.request.parts]
+
+    @property
+    def asked_parts(self) -> list[AskedPart]:
+        """All requested parts: that of `asked_part` where there is one, then the others."""
+        first = [] if self.asked_part is None else [self.asked_part]
+        return [*first, *(each.part for each in self.lit_parts)]
 
     @cached_property
     def animation(self) -> Any:

@@ -80,7 +80,7 @@ class Job:
     def begin(self) -> None:
         """As `KnownScene.begin`."""
         _ = self.known.relighter  # before the light is asked for
-        self.known.begin(self.light_kind is not LightKind.CAPTURED)
+        self.known.begin(self.light_kind is not LightKind.CAPTURED or any(each.has_own for each in self.inputs.lit_parts))
 
     # the light
 
@@ -186,6 +186,7 @@ class Job:
         others = (
             self.light_kind.adds
             or self.inputs.asked_inserts
+            or self.request.parts
             or self.request.baked
             or set(self.inputs.formats) - OF_SURFACES
         )

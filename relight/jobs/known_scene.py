@@ -86,7 +86,7 @@ class KnownScene:
         _ = self.inserted_meshes  # a broken object fails before any work
         if self.inputs.shows_splats:
             _ = self.inputs.splats  # so does a missing splat
-        _ = self._found_part  # and a part that is not there
+        _ = self._found_parts  # and a part that is not there
         _ = self.pass_views
         if "usd" in (self._request.formats or ()):
             from ..output.usd import library
@@ -178,22 +178,33 @@ class KnownScene:
             return None
         return self.mirror.as_dict()
 
-    @cached_property
+    @property
     def part(self) -> PartShares | None:
         """The part that takes the new light, or all but the one that keeps the captured light; None for all."""
-        if self.inputs.asked_part is None:
-            return None
-        return PartShares.of(self.inputs.asked_part, self.scene, *(self._found_part or (None, None)))
+        return None if self.inputs.asked_part is None else self._parts[0]
+
+    @property
+    def lit_parts(self) -> list[PartShares]:
+        """The parts in lights of their own."""
+        return self._parts[len(self._parts) - len(self.inputs.lit_parts) :]
 
     @cached_property
-    def _found_part(self) -> tuple[SplatFile, Shares] | None:
-        """The splats, and the shares of the requested part, without a rim; None where it is known of vertices alone."""
-        asked = self.inputs.asked_part
-        if asked is None or not (self.inputs.shows_splats or asked.needs_splats) or self.inputs.splats is None:
-            return None
-        splats, paths = self.inputs.splats
-        file = SplatFile(splats, paths[0] if len(paths) == 1 else None, self._rows_of_objects)
-        return file, asked.of_splats(file)
+    def _parts(self) -> list[PartShares]:
+        pairs = zip(self.inputs.asked_parts, self._found_parts, strict=True)
+        return [PartShares.of(asked, self.scene, *(found or (None, None))) for asked, found in pairs]
+
+    @cached_property
+    def _found_parts(self) -> list[tuple[SplatFile, Shares] | None]:
+        """Of each requested part the splats and its shares, without a rim; None where it is known of vertices alone."""
+        found: list[tuple[SplatFile, Shares] | None] = []
+        for asked in self.inputs.asked_parts:
+            known = None
+            if (self.inputs.shows_splats or asked.needs_splats) and self.inputs.splats is not None:
+                splats, paths = self.inputs.splats
+                file = SplatFile(splats, paths[0] if len(paths) == 1 else None, self._rows_of_objects)
+                known = file, asked.of_splats(file)
+            found.append(known)
+        return found
 
     def _rows_of_objects(self) -> dict[str, slice]:
         """Rows of the splats of each object of a layout, by its name; none without a layout."""

@@ -9,7 +9,7 @@ not reach changes as in the first frame, to the bit.
 import math
 from collections.abc import Iterator
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -27,9 +27,12 @@ from ..request import RelightRequest
 from ..rooms.room_poses import RoomPoses
 from ..splats.carried import CarriedMesh
 from ..splats.light_ratio import Usual
+from ..splats.part_spec import Shares
+from ..splats.parts import blended_splats
 from ..transfer.bounces import Interreflection
 from ..transfer.settings import Settings
 from .job import Job
+from .part_lights import job_of_part, part_lights
 from .writer import Writer
 
 
@@ -50,7 +53,22 @@ class LitFrames:
     def relit(self, frame: SplatFrame, splats: Splats, state: str) -> Iterator[Splats]:
         """The splats of a frame in the light, at one angle after the other."""
         ways = {AT_REST: self._at_rest, MOVING: self._moving, ALONE: self._alone}
-        return ways[state](frame, splats)
+        found = ways[state](frame, splats)
+        if state == MOVING:
+            for shares, part in self._parts:
+                found = map(partial(blended_splats, shares=shares), found, part.relit(frame, splats, state))
+        return found
+
+    @cached_property
+    def _parts(self) -> "list[tuple[Shares, LitFrames]]":
+        """The frames in the lights of parts that have their own, and the shares of these."""
+        found = []
+        for part, asked in zip(part_lights(self._job), self._job.inputs.lit_parts, strict=False):
+            assert part.shares.splats is not None  # of a sequence
+            lit = [part.under(shaded) for shaded in self._shaded]
+            whole = job_of_part(self._job, asked, self._shaded[0])
+            found.append((part.shares.splats, LitFrames(self._request, whole, lit)))
+        return found
 
     def picture(self, relit: Splats, shaded: Shaded) -> NDArray[np.uint8]:
         """The picture, (H, W, 3) sRGB, of a relit frame at an angle."""

@@ -43,7 +43,7 @@ def check_session(request: RelightRequest) -> None:
     """Raise InputError for a request that no session shows."""
     if len(request.angles_deg) > 1:
         raise InputError("`angles_deg`: a session has one angle")
-    for name in ("only", "keep"):
+    for name in ("only", "keep", "parts"):
         if getattr(request, name):
             raise InputError(f"`{name}`: a session shows the whole scene in its lights; leave it out")
 

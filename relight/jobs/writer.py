@@ -37,6 +37,8 @@ from ..output.subject import AskedFiles, WrittenScene
 from ..request import AnyLight
 from .earlier_results import REPORT, Earlier, check_results, is_results, settings_of
 from .job import Job
+from .part_lights import described as described_parts
+from .part_lights import kept_live_parts, part_lights
 from .part_shadow import PartShadow
 
 
@@ -202,8 +204,10 @@ class Writer:
             light_around=job.light_around,
             light_parts=job.light_parts,
             pass_views=lambda: known.pass_views,
-            part=known.part,
+            part=known.part if asked.only or asked.keep else None,
             part_shadow=PartShadow(job).ratio if asked.shadow_of_parts else None,
+            lit_parts=part_lights(job),
+            kept_parts=lambda: kept_live_parts(job),
         )
         return Results(written)
 
@@ -239,6 +243,7 @@ def report_of(job: Job, shaded: Shaded) -> dict[str, Any]:
         "env_scale": job.inputs.options.env_scale,
         "assumed": job.assumed,
         "part": None if job.known.part is None else job.known.part.report,
+        "parts": described_parts(job),
         "albedo": job.inputs.choice_name,
         "capture": job.known.appearance.capture,
         "gloss": None if job.known.gloss is None else job.known.gloss.as_dict(job.known.appearance),

@@ -16,6 +16,7 @@ from .movable import FILE as MOVABLE_FILE
 from .objects import FILE as OBJECTS_FILE
 from .objects import MESH
 from .offered import OfferedLight
+from .parts import FILE as PARTS_FILE
 from .proxy import write_proxy
 from .response import BANDS, SPREAD_BANDS
 from .shine import FILE as GLOSS_FILE
@@ -69,6 +70,7 @@ def _contents(live: "Live") -> dict[str, bytes | None]:
         "terms.bin": b"".join(term.tobytes() for term in live.terms) if live.terms else None,
         GLOSS_FILE: None if live.gloss is None else live.gloss.tobytes(),
         GROUND_FILE: None if live.ground is None else live.ground.tobytes(),
+        PARTS_FILE: None if live.parts is None else live.parts.tobytes(),
         OBJECTS_FILE: None if objects is None else objects.tobytes(),
         MESH: None if objects is None else objects.glb or None,
         MOVABLE_FILE: b"".join(each.tobytes() for each in movable) if movable else None,
@@ -122,6 +124,7 @@ def described(live: "Live", splats: list[dict[str, Any]]) -> dict[str, Any]:
         **({"terms": [term.described() for term in live.terms]} if live.terms else {}),
         **({} if live.gloss is None else {"gloss": live.gloss.described()}),
         **({} if live.ground is None else {"ground": live.ground.described()}),
+        **({} if live.parts is None else {"parts": live.parts.entries}),
         **({} if live.objects is None else {"objects": live.objects.described()}),
         "lights": [
             {

@@ -24,6 +24,7 @@ from .ground import ShadowedGround
 from .lights import PortableLight, capture_light, light_of
 from .objects import LiveObjects
 from .offered import OfferedLight
+from .parts import LiveParts
 from .response import BANDS, COEFFICIENTS, SPREAD_BANDS, Response, assumed_response, response_of
 from .rows import CapturedColors, lit_rows, turned_vectors
 from .shine import BundleRows, Shine, shine_of
@@ -54,7 +55,7 @@ class Live(NamedTuple):
     degrees, the first view, scene frame; for an object also bounds, the box of the capture, which the page fits into
     its window. lamps: factor on the lamps of a room, or None. terms: list of Term. gloss: Shine of the glossy splats,
     or None. objects: inserted objects, or None. ground: under an object, or None. offered: likely lights of the
-    capture, that a hand may set.
+    capture, that a hand may set. parts: what is lit apart, or None.
     """
 
     splats: Splats
@@ -77,6 +78,7 @@ class Live(NamedTuple):
     objects: LiveObjects | None = None
     ground: ShadowedGround | None = None
     offered: Sequence[OfferedLight] = ()
+    parts: LiveParts | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -33,7 +33,7 @@ PAGE, FOLDER, INDEX = "relit.html", "web", "index.html"
 _WEB = Path(__file__).parent / "web"
 
 _LIBRARY = (
-    *("primaries", "light", "piz", "splats", "shadow", "objects", "framing", "gloss", "ground", "exr"),
+    *("primaries", "light", "piz", "splats", "shadow", "objects", "framing", "gloss", "ground", "parts", "exr"),
     *("indicator", "live", "hand"),
 )
 """Modules that the page joins into one, each after its imports. Their top-level names must differ."""

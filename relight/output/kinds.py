@@ -58,16 +58,17 @@ def kinds_with(option: str) -> tuple[str, ...]:
 
 
 def check_parts(request: Any) -> None:
-    """Raise InputError where a request has a part, in `only` or `keep`, and something that is of the whole scene."""
-    name = "keep" if request.keep else "only"
-    if not (request.only or request.keep):
-        if request.shadow_of_parts:
-            raise InputError("`shadow_of_parts`: it is of a part; give `only` or `keep`")
+    """Raise InputError where a request has a part, in `only`, `keep` or `parts`, and something that is of the whole
+    scene."""
+    name = next((name for name in ("keep", "only", "parts") if getattr(request, name)), "")
+    if request.shadow_of_parts and name in ("", "parts"):
+        raise InputError("`shadow_of_parts`: it is of a part; give `only` or `keep`")
+    if not name:
         return
     whole = [f"`{each}`" for each in ("inserted", "animated", "live_mesh") if getattr(request, each)]
     whole += [f"`formats` {word}" for word in request.formats or () if word in OUTPUTS and not OUTPUTS[word].of_parts]
     if whole:
-        raise InputError(f"{whole[0]}: it is of the whole scene in the new light; leave it or `{name}` out")
+        raise InputError(f"{whole[0]}: it is of the whole scene in one light; leave it or `{name}` out")
 
 
 AROUND, WITHOUT_LIGHT = written_by("around"), written_by("clean")

@@ -15,6 +15,7 @@ from ..live.movable import movables_of
 from ..live.objects import LiveObjects, objects_of
 from ..live.offered import offered_lights
 from ..live.page import write_page
+from ..live.parts import LiveParts
 from ..live.terms import sources_of
 from ..transfer.settings import BOUNCE_RAYS, BOUNCE_TOLERANCE, BOUNCES, Settings
 from .catcher import Catcher
@@ -97,7 +98,8 @@ class LiveFiles:
             asked = self._written.asked
             found = live_of(shown, lights, settings, LiveSettings(asked.tolerance, asked.sky, asked.seed))
             offered = offered_lights(self._relighter, self._appearance)
-            found = found._replace(ground=self._ground(), offered=offered)
+            parts = LiveParts.of(self._written.kept_parts(), found.order)
+            found = found._replace(ground=self._ground(), offered=offered, parts=parts)
             self._live[mixes] = self._mixed(found, light) if mixes else found
         return self._live[mixes]
 

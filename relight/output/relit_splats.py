@@ -87,6 +87,7 @@ class RelitSource:
 
     def __init__(self, written: WrittenScene) -> None:
         self._written, self._stages, self._cache = written, written.stages, written.relighter.cache
+        self._of_parts: dict[int, tuple[Shaded, Splats]] = {}
 
     @cached_property
     def _far(self) -> FarSplats:
@@ -98,17 +99,33 @@ class RelitSource:
     def of_frame(
         self, splats: Splats, path: Path, binding: Binding | None = None, look: "Appearance | None" = None
     ) -> "RelitSource":
-        """That of other splats, row by row the same ones, of a file. binding, look: of them where they have moved; else
-        they rest, and have other colours."""
+        """That of other splats, row by row the same ones, of a file. binding, look: of them where they have moved, and
+        all take the light of the whole; else they rest, and have other colours."""
         bound, look = self._written.binding, look or self._written.appearance
         frame = replace(self._written, splats=(splats, [path]), appearance=look, gloss=None)
+        if binding is not None:
+            frame = replace(frame, lit_parts=())
         other = RelitSource(replace(frame, binding=lambda: binding or bound().recoloured(splats)))
         other._far = self._far._replace(source=splats)
         return other
 
     def relit(self, shaded: "Shaded", usual: Usual | None = None) -> Splats:
-        """The splats in the new light, as far as they take it, row by row those of the source, in its frame. usual: of
-        another pose of the scene."""
+        """The splats in the new light, as far as they take it, and parts in their own, row by row those of the source,
+        in its frame. usual: of another pose of the scene."""
+        found = self._where_new(shaded, usual)
+        for number, part in enumerate(self._written.lit_parts):
+            if part.shares.splats is not None:
+                found = blended_splats(found, self._as_part(number, part.under(shaded)), part.shares.splats)
+        return found
+
+    def _as_part(self, number: int, own: "Shaded") -> Splats:
+        """All splats in the light of a part, kept until that changes."""
+        if number not in self._of_parts or self._of_parts[number][0] is not own:
+            self._of_parts[number] = own, self._in_new_light(own)
+        return self._of_parts[number][1]
+
+    def _where_new(self, shaded: "Shaded", usual: Usual | None) -> Splats:
+        """The splats with the new light where only a part takes it, or all but that."""
         found, source, part = self._in_new_light(shaded, usual), self._written.source, self._written.part
         if part is None or part.splats is None or source is None:
             return found

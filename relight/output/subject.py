@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from splat2mesh.render.view import View
 from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.splats import Splats
 
+from ..live.parts import LivePart
 from ..splats.parts import PartShares, blended
 from .lamps_glb import NO_LAMPS, PlacedLamps
 
@@ -51,6 +52,14 @@ class AskedFiles:
     seed: int = 0
 
 
+class PartInLight(NamedTuple):
+    """A part in a light of its own. shares: of that light. under: returns it, as it lights the whole scene, beside the
+    light of the rest; in it `received` is known."""
+
+    shares: PartShares
+    under: "Callable[[Shaded], Shaded]"
+
+
 @dataclass(frozen=True, eq=False)
 class WrittenScene:
     """A scene, its source, the light on it beside an environment, and what is asked for.
@@ -63,7 +72,8 @@ class WrittenScene:
     vertices send out by the way that its light came: those but `kinds.SUN`, which is a part of another, are all of it.
     pass_views: returns the cameras of passes, frame of the scene; None is that of the preview. part: what takes the new
     light; None for all. part_shadow: of one of the lights, by what it changes the light of the rest, (V, 3); None where
-    the rest stays.
+    the rest stays. lit_parts: parts in lights of their own, the last one on top. kept_parts:
+    returns those that the folder of the scene keeps.
     """
 
     relighter: "Relighter"
@@ -82,9 +92,24 @@ class WrittenScene:
     pass_views: Callable[[], Sequence[View] | None] = lambda: None
     part: PartShares | None = None
     part_shadow: "Callable[[Shaded], NDArray[np.float32]] | None" = None
+    lit_parts: Sequence[PartInLight] = ()
+    kept_parts: Callable[[], Sequence[LivePart]] = tuple
 
     def shown(self, shaded: "Shaded") -> "Shaded":
-        """The light as the mesh shows it: new in the part that takes it, captured in the rest."""
+        """The light as the mesh shows it: that of each part, new in the part that takes it, captured in the rest."""
+        found = self._where_new(shaded)
+        for part in self.lit_parts:
+            own, shares, shading = part.under(shaded), part.shares.vertices, found.shading
+            assert own.shading.received is not None  # as of a PartInLight
+            level, received = np.float32(own.exposure / shaded.exposure), shading.received
+            if received is None:
+                received = self.appearance.received(shading.radiance, shaded.exposure)
+            radiance = blended(shading.radiance, level * own.shading.radiance, shares)
+            received = blended(received, level * own.shading.received, shares)
+            found = found._replace(shading=shading._replace(radiance=radiance, received=received))
+        return found
+
+    def _where_new(self, shaded: "Shaded") -> "Shaded":
         if self.part is None:
             return shaded
         look, shading, shares = self.appearance, shaded.shading, self.part.vertices

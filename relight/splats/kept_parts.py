@@ -1,13 +1,14 @@
 """The parts of a capture that were made by hand, in the folder of its scene, and their names in a request.
 
-`parts.json`: {"schema_version": 1, "parts": [{"name": ..., "file": ..., "splats": N}, ...]}. A file is a `.npy` beside
-it with a truth for each splat. A name may be changed there.
+`parts.json`: {"schema_version": 1, "parts": [{"name": ..., "file": ..., "splats": N, "light": {...}}, ...]}. A file is
+a `.npy` beside it with a truth for each splat. A light of its own has the fields of `lit_part`, or is missing. A name
+may be changed there.
 """
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,10 +26,20 @@ NAME = "parts.json"
 SCHEMA_VERSION = 1
 
 
-def kept_parts(folder: str | os.PathLike[str]) -> dict[str, Path]:
-    """The masks of the parts of a scene folder, by name. Raises InputError for a damaged file."""
+class KeptPart(NamedTuple):
+    """file: the mask of a part. light: what its own light is, by the fields of `lit_part`; none without."""
+
+    file: Path
+    light: Mapping[str, Any]
+
+
+def kept_parts(folder: str | os.PathLike[str]) -> dict[str, KeptPart]:
+    """The parts of a scene folder, by name. Raises InputError for a damaged file."""
     path = Path(folder) / NAME
-    return {entry["name"]: inside(folder, entry["file"], path) for entry in _entries(folder)}
+    return {
+        entry["name"]: KeptPart(inside(folder, entry["file"], path), entry.get("light", {}))
+        for entry in _entries(folder)
+    }
 
 
 def next_name(folder: str | os.PathLike[str]) -> str:
@@ -37,16 +48,17 @@ def next_name(folder: str | os.PathLike[str]) -> str:
     return next(name for name in (f"part{number}" for number in range(1, len(taken) + 2)) if name not in taken)
 
 
-def keep_part(folder: str | os.PathLike[str], part: Mask) -> str:
-    """Write a part, a truth for each splat, into a scene folder; returns its name. Raises InputError for an empty part
-    and a damaged file."""
+def keep_part(folder: str | os.PathLike[str], part: Mask, light: Mapping[str, Any] | None = None) -> str:
+    """Write a part, a truth for each splat, and its light into a scene folder; returns its name. Raises InputError for
+    an empty part and a damaged file."""
     if not part.any():
         raise InputError("the part has no splats")
     name, entries = next_name(folder), _entries(folder)
     file = f"{name}.npy"
     with staged_file(Path(folder) / file) as staging:
         np.save(staging, part)
-    entries.append({"name": name, "file": file, "splats": int(part.sum())})
+    own = {"light": dict(light)} if light else {}
+    entries.append({"name": name, "file": file, "splats": int(part.sum()), **own})
     with staged_file(Path(folder) / NAME) as staging:
         staging.write_text(text_of({"schema_version": SCHEMA_VERSION, "parts": entries}, indent=1) + "\n", "utf-8")
     return name
@@ -58,7 +70,7 @@ def with_files(given: Sequence[AnyPart], folder: str | os.PathLike[str]) -> tupl
         return tuple(given)
     known = kept_parts(folder)
     return tuple(
-        str(known[each]) if isinstance(each, str) and each in known and not os.path.exists(each) else each
+        str(known[each].file) if isinstance(each, str) and each in known and not os.path.exists(each) else each
         for each in given
     )
 
@@ -76,4 +88,5 @@ def _entries(folder: str | os.PathLike[str]) -> list[dict[str, Any]]:
 
 def _sound(entry: Any) -> bool:
     kinds = {"name": str, "file": str, "splats": int}
-    return isinstance(entry, dict) and all(isinstance(entry.get(key), kind) for key, kind in kinds.items())
+    sound = isinstance(entry, dict) and all(isinstance(entry.get(key), kind) for key, kind in kinds.items())
+    return sound and isinstance(entry.get("light", {}), dict)

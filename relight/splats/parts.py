@@ -29,10 +29,11 @@ NEXT = 6
 
 @dataclass(frozen=True, eq=False)
 class AskedPart:
-    """Parts that take the new light, `kept` False, or that alone keep the captured one. specs: one or more."""
+    """Parts that take a new light, or that alone keep the captured one. specs: one or more. name: the field of the
+    request."""
 
     specs: tuple[PartSpec, ...]
-    kept: bool = False
+    name: str = "only"
 
     @classmethod
     def parse(cls, only: Sequence[AnyPart], keep: Sequence[AnyPart]) -> "AskedPart | None":
@@ -47,12 +48,12 @@ class AskedPart:
                 found.append(PartSpec.parse(each))
             except InputError as error:
                 raise InputError(f"`{name}` {clip(each)}: {plain(error)}") from None
-        return cls(tuple(found), bool(keep)) if found else None
+        return cls(tuple(found), name) if found else None
 
     @property
-    def name(self) -> str:
-        """The field of the request."""
-        return "keep" if self.kept else "only"
+    def kept(self) -> bool:
+        """Whether it is what keeps the captured light."""
+        return self.name == "keep"
 
     @property
     def needs_splats(self) -> bool:

@@ -146,6 +146,22 @@ def _hand_slider(name: str, text: str, show: Callable[[float], str]) -> Slider:
     return Slider(f"hand_{name}", text, show, there=_by_hand, read=read, write=write)
 
 
+def _part_slider(name: str, text: str, show: Callable[[float], str]) -> Slider:
+    """A slider of the light of a PartMade."""
+
+    def read(session: "Session") -> float:
+        return 0.0 if session.parts is None else getattr(session.parts.made, name)
+
+    return Slider(
+        f"part_{name}",
+        text,
+        show,
+        there=_parting,
+        read=read,
+        write=lambda window, value: window.mouse.parts.light_to(name, value),
+    )
+
+
 CONTROLS = (
     *(_mode(str(number), name) for number, name in enumerate(MODES, 1)),
     _effect("s", SHADOWS, "shadows on, off: sun and bounces need them"),
@@ -193,7 +209,7 @@ CONTROLS = (
             lambda s: "keep", "hand", lambda s: s.hand is not None and s.hand.kept == s.hand.setting, _has("hand")),
     Control("5", "parts: a click adds a surface, the slider says how much", lambda window: window.mouse.parts.toggle(),
             lambda s: "parts", "choices", lambda s: s.state.parts, _has("parts")),
-    Control("Return", "keep the part: --only and --keep know its name", lambda window: window.mouse.parts.keep(),
+    Control("Return", "keep the part: commands know it by its name", lambda window: window.mouse.parts.keep(),
             lambda s: "keep part", "choices", there=_parting),
     Control("space", "start, stop rotating the light", _toggle("turning"), lambda s: "turn", "choices",
             lambda s: s.state.turning),
@@ -228,6 +244,8 @@ SLIDERS = (
     Slider("part_reach", "Part", lambda value: f"{100 * value:.0f} %", True, _parting,
            lambda session: session.parts.reach if session.parts else 1.0,
            lambda window, value: window.mouse.parts.reach_to(value)),
+    _part_slider("exposure_ev", "Part's light", lambda value: f"{value:+.2f} EV"),
+    _part_slider("warmth", "Its warmth", lambda value: f"{value:+.2f}"),
     _hand_slider("azimuth_deg", "Sun at", lambda value: f"{value:.0f}\N{DEGREE SIGN}"),
     _hand_slider("height_deg", "Height", lambda value: f"{value:.0f}\N{DEGREE SIGN}"),
     _hand_slider("sun_share", "Sun's part", lambda value: f"{100 * value:.0f} %"),

@@ -1,21 +1,28 @@
-"""A part of the capture that clicks make: each grows from a point of the surface, as far as its reach."""
+"""A part of the capture that clicks make: each grows from a point of the surface, as far as its reach.
 
+The part may be brighter than the rest, and tinted: that is kept with it, and commands light it so.
+"""
+
+from collections.abc import Hashable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Mask, Vector
+from splat2mesh.scene.color import bytes_from_unit, linear_from_srgb, srgb_from_linear
 
+from ..albedo.by_hand import HandLight
 from ..splats.grown_part import GrowingSurface
 from ..splats.kept_parts import keep_part
 from .history import Timeline
 from .sources import PartSource
 
-REACH = 0.14
-"""Of a first click: in `examples/garden.sog` a door, wooden furniture, the lawn and two pots come off at it. At .07
-most have gaps, at .25 four of the five run over."""
+REACH = 0.12
+"""Of a first click, by `scripts/fit parts`: of those tried, a third of an octave apart, the one with most in common
+with the parts of eight generated scenes. On eight others .095 is best."""
 
 TINT = np.array([224, 118, 45], np.float32)
 """sRGB of what is in the part, half of the colour that shows."""
@@ -31,21 +38,42 @@ class PartClick:
     reach: float
 
 
+@dataclass(frozen=True)
+class PartMade:
+    """clicks: all that make a part. exposure_ev: stops by which it is brighter than the rest. warmth: of its light, as
+    of a HandLight."""
+
+    clicks: tuple[PartClick, ...] = ()
+    exposure_ev: float = 0.0
+    warmth: float = 0.0
+
+    @property
+    def light(self) -> dict[str, Any]:
+        """What is of its own in its light, as of `lit_part`; none where that is of the rest."""
+        tint = [round(float(each), 4) for each in HandLight(warmth=self.warmth).tint] if self.warmth else None
+        return {"exposure": self.exposure_ev} | ({"tint": tint} if tint else {}) if self.exposure_ev or tint else {}
+
+
 class PartBench:
     """The part that clicks make of a PartSource. timeline: undoes them. reach: that of the last click."""
 
     def __init__(self, source: PartSource, timeline: Timeline | None = None) -> None:
         self.source, self.timeline = source, timeline or Timeline()
-        self.timeline.begin(_NAME, ())
+        self.timeline.begin(_NAME, PartMade())
         self._surface: GrowingSurface | None = None
         self._grown: dict[PartClick, Mask] = {}
         self._reach = REACH
 
     @property
+    def made(self) -> PartMade:
+        """The present part."""
+        found: PartMade = self.timeline.present(_NAME)
+        return found
+
+    @property
     def clicks(self) -> tuple[PartClick, ...]:
         """All that make the present part."""
-        found: tuple[PartClick, ...] = self.timeline.present(_NAME)
-        return found
+        return self.made.clicks
 
     @property
     def reach(self) -> float:
@@ -56,19 +84,26 @@ class PartBench:
         """Add what grows from a place (3,) of the surface, scene frame."""
         back = np.linalg.inv(self.source.scene_from_splat)
         x, y, z = (float(each) for each in back[:3, :3] @ place + back[:3, 3])
-        self.timeline.to(_NAME, (*self.clicks, PartClick((x, y, z), self.reach)))
+        self._to(clicks=(*self.clicks, PartClick((x, y, z), self.reach)))
 
     def reach_to(self, reach: float) -> None:
         """Set how far the last click reaches, and the next ones."""
         self._reach = reach
         if self.clicks:
             *others, last = self.clicks
-            self.timeline.to(_NAME, (*others, replace(last, reach=reach)), ("reach", len(others)))
+            self._to(("reach", len(others)), clicks=(*others, replace(last, reach=reach)))
+
+    def light_to(self, name: str, value: float) -> None:
+        """Set a field of its light, `exposure_ev` or `warmth`."""
+        self._to(name, **{name: value})
+
+    def _to(self, merge: Hashable = None, **changes: Any) -> None:
+        self.timeline.to(_NAME, replace(self.made, **changes), merge)
 
     def reset(self) -> None:
         """Begin a new part."""
-        if self.clicks:
-            self.timeline.to(_NAME, ())
+        if self.made != PartMade():
+            self.timeline.to(_NAME, PartMade())
 
     @property
     def vertices(self) -> Mask:
@@ -90,16 +125,21 @@ class PartBench:
         return self._surface.splats_of(part, self.source.splats)
 
     def tinted(self, colors: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Colours (V, 3) uint8 with the part in another."""
+        """Colours (V, 3) uint8 with the part in another, or in its light where that is of its own."""
         if not self.clicks:
             return colors
-        shown, part = colors.copy(), self.vertices
-        shown[part] = (0.5 * shown[part] + 0.5 * TINT).astype(np.uint8)
+        shown, part, made = colors.copy(), self.vertices, self.made
+        if made.light:
+            factor = np.float32(2.0**made.exposure_ev) * HandLight(warmth=made.warmth).tint.astype(np.float32)
+            lit = factor * linear_from_srgb(shown[part] / np.float32(255.0))
+            shown[part] = bytes_from_unit(srgb_from_linear(lit))
+        else:
+            shown[part] = (0.5 * shown[part] + 0.5 * TINT).astype(np.uint8)
         return shown
 
     def keep(self) -> tuple[str, Path]:
         """Write the part into the folder of the scene and begin a new one: its name, and the folder. Raises InputError
         for an empty part and a folder that cannot be written."""
-        name = keep_part(self.source.folder, self.splats)
+        name = keep_part(self.source.folder, self.splats, self.made.light)
         self.reset()
         return name, self.source.folder

@@ -45,14 +45,20 @@ class PartTool:
         self._bench.reach_to(reach)
         self._tell()
 
+    def light_to(self, name: str, value: float) -> None:
+        """Set a field of the light of the part."""
+        self._bench.light_to(name, value)
+        self._tell()
+
     def keep(self) -> None:
         """Write the part into the folder of the scene; show its name, or why not."""
         if not self.on:
             return
 
         def keep() -> None:
+            option = "--part" if self._bench.made.light else "--only"
             name, folder = self._bench.keep()
-            self._window.note = f"kept as {name}: relight {folder} --only {name}"
+            self._window.note = f"kept as {name}: relight {folder} {option} {name}"
 
         tried(self._window, keep)
 

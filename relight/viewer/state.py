@@ -26,6 +26,8 @@ RANGES = {
     "captured": (0.0, 1.0),
     "lamp_ev": (-4.0, 10.0),
     "part_reach": (0.01, 1.0),
+    "part_exposure_ev": HAND_RANGES["brightness_ev"],
+    "part_warmth": HAND_RANGES["warmth"],
     **{f"hand_{name}": limits for name, limits in HAND_RANGES.items()},
 }
 """Ranges of the sliders. Angles wrap around, other values are clipped."""

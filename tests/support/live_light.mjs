@@ -5,12 +5,12 @@ import { pathToFileURL } from "node:url";
 
 const [web, folder, text] = process.argv.slice(2), wish = JSON.parse(text);
 const part = (name) => import(pathToFileURL(`${web}/${name}.js`));
-const [Light, Live, Splats, { Shadow }] = await Promise.all(["light", "live", "splats", "shadow"].map(part));
+const [Light, Live, Splats, { Shadow }, Parts] = await Promise.all(["light", "live", "splats", "shadow", "parts"].map(part));
 const read = (name) => new Uint8Array(readFileSync(`${folder}/${name}`));
 
 try {
   const meta = JSON.parse(readFileSync(`${folder}/live.json`, "utf8")), [entry] = meta.splats, files = {};
-  for (const name of [entry.file, "transfer.bin", "surface.bin", "basis.bin", ...(meta.terms ? ["terms.bin"] : []), ...(meta.ground ? ["ground.bin"] : [])]) files[name] = read(name);
+  for (const name of [entry.file, "transfer.bin", "surface.bin", "basis.bin", ...(meta.terms ? ["terms.bin"] : []), ...(meta.ground ? ["ground.bin"] : []), ...(meta.parts ? ["parts.bin"] : [])]) files[name] = read(name);
   await Live.checkSplat(files[entry.file], entry);
   const bundle = Live.readBundle(meta, files, entry.file), surface = Live.surfaceOf(bundle), ratio = new Float32Array(bundle.count * 3);
   const own = meta.lights[wish.light ?? 0];
@@ -23,6 +23,7 @@ try {
   }
   const factors = wish.factors ?? Live.factorsOf(bundle, light);
   Live.addTerms(bundle, factors, ratio);
+  if (wish.apart) Parts.apart(bundle.parts, wish.apart, ratio);
   if (wish.change) writeFileSync(wish.change, ratio);
   const out = new Uint16Array(bundle.count * 4);
   Live.gains(bundle, ratio, out);

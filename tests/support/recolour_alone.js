@@ -2,6 +2,8 @@
 // the same light. META, FILES and KIND come before it. Results: of each light {name, most, share}, steps of gains that
 // differ at most, and the share of those that differ by more than two.
 
+const APART = [{ on: false, factor: [1, 1, 1] }, { on: true, factor: [2, 1, 0.5] }, { on: false, factor: [9, 9, 9] }]; // of parts, where there are any
+
 async function alone() {
   const files = Object.fromEntries(Object.entries(FILES).map(([name, text]) => [name, Uint8Array.fromBase64(text)])), splat = "splat.compressed.ply";
   const bundle = Live.readBundle(META, files, splat), proxy = Live.readProxy(files["proxy.glb"]), canvas = document.createElement("canvas"), results = [];
@@ -19,13 +21,14 @@ async function alone() {
   };
   for (const entry of META.lights) for (const turn of [0, 1.3]) {
     const light = Live.lightOf(entry, files[entry.file]), { exposure } = light, factors = Live.factorsOf(bundle, light), table = Live.lightTable(bundle, light, turn, exposure);
-    const suns = light.suns.map(({ direction, weight }) => ({ weight, direction: Live.turnedDirection(direction, turn) })), asked = { view: "relit", light, turn, exposure, table, suns, balance, factors };
+    const suns = light.suns.map(({ direction, weight }) => ({ weight, direction: Live.turnedDirection(direction, turn) })), asked = { view: "relit", light, turn, exposure, table, suns, balance, factors, apart: bundle.parts && APART };
     Live.changes(bundle, table, ratio);
     Live.addSuns(bundle, surface, suns, suns.map(({ direction }) => new Live.Shadow(proxy, direction)), exposure, ratio);
     Live.balanced(ratio, balance);
     Live.addTerms(bundle, factors, ratio);
+    if (bundle.parts) Live.apart(bundle.parts, APART, ratio);
     Live.gains(bundle, ratio, gains);
-    Live.showSky(bundle, light, turn, exposure, gains, factors[0]);
+    if (!bundle.parts || APART[0].on) Live.showSky(bundle, light, turn, exposure, gains, factors[0]);
     await compare(`${light.name} ${turn}`, asked);
     if (turn) continue;
     Live.albedoChanges(bundle, surface, ratio);

@@ -33,6 +33,7 @@ class Session {
     Object.assign(this, { bundle, proxy, lights, offered, stage, notify, live: Live });
     this.state = { light: 0, turn: data.turn, exposure: 0, tint: 0, sun: 1, azimuth: 0, height: null, lamps: bundle.meta.lamps ?? 0, view: "relit", day: 0, dayAzimuth: null, dayHeight: null, dayShare: null, green: 0, bright: 0, sky: true, ground: true, compare: false, line: 0.5 };
     this.state.terms = bundle.terms.map(({ color }) => ({ on: true, ev: 0, color: Live.hexOf(color) }));
+    this.state.parts = bundle.parts ? [{ name: "all else", exposure: 0, tint: [1, 1, 1] }, ...bundle.parts.entries].map(({ exposure, tint }) => ({ on: true, ev: exposure, color: Live.hexOf(tint) })) : [];
     this.state.captured = lights[0].captured ?? 0;
     this.usual = Object.fromEntries(Object.entries(this.state).map(([key, value]) => [key, typeof value === "boolean" ? value : rounded(value)]));
     this.most = [1, 1, 1];
@@ -56,6 +57,10 @@ class Session {
     this.state.terms.forEach((term, index) => {
       const asked = query.get(`lamp${index}`); // the captured light is 0
       if (asked !== null) Object.assign(term, asked === "off" ? { on: false } : { on: true, ev: +asked });
+    });
+    this.state.parts.forEach((part, index) => {
+      const asked = query.get(`part${index}`); // all else is 0
+      if (asked !== null) Object.assign(part, asked === "off" ? { on: false } : { on: true, ev: +asked });
     });
     if (query.has("nopanel")) element("relight").style.display = "none";
     addSliders(this);
@@ -110,7 +115,18 @@ class Session {
   // Whether there is ground under the object: in a light that has an image.
   standing() {
     const { state, bundle: { ground }, lights } = this;
-    return Boolean(ground) && state.ground && state.view === "relit" && lights[state.light].sky !== "captured";
+    return Boolean(ground) && state.ground && state.view === "relit" && lights[state.light].sky !== "captured" && this.lightsRest();
+  }
+
+  // The lights of all else and of each part, or null without parts.
+  apart() {
+    const { state, bundle: { parts } } = this, tints = parts && [[1, 1, 1], ...parts.entries.map(({ tint }) => tint)];
+    return parts && state.parts.map(({ on, ev, color }, index) => ({ on, factor: (color === Live.hexOf(tints[index]) ? tints[index] : Live.tintOf(color)).map((value) => value * 2 ** ev) }));
+  }
+
+  // Whether what is in no part takes the light.
+  lightsRest() {
+    return this.state.parts[0]?.on ?? true;
   }
 
   // The ground in a light. Its suns are in the image, where they are not moved.
@@ -130,21 +146,22 @@ class Session {
 
   // What the light depends on, but for the exposure.
   lightText() {
-    const { light, turn, sun, azimuth, height, lamps, terms, captured } = this.state, byHand = BY_HAND.map((key) => this.state[key]);
-    return JSON.stringify({ light, turn: (turn % 360 + 360) % 360, sun, azimuth, height, lamps, terms, captured, byHand });
+    const { light, turn, sun, azimuth, height, lamps, terms, captured, parts } = this.state, byHand = BY_HAND.map((key) => this.state[key]);
+    return JSON.stringify({ light, turn: (turn % 360 + 360) % 360, sun, azimuth, height, lamps, terms, captured, parts, byHand });
   }
 
   draw() {
     const { bundle, stage, state } = this, light = this.lights[state.light], turn = state.turn * RADIANS, began = performance.now();
     const exposure = light.exposure * 2 ** state.exposure, lamps = this.lamps(light) * 2 ** state.exposure, balance = Live.balanceOf(state.tint, state.green, state.bright), factors = this.factors(light, balance);
-    this.asked = { view: state.view, light, turn, exposure, lamps, balance, factors, suns: this.suns(), table: this.table(light, turn, exposure, lamps) };
+    this.asked = { view: state.view, light, turn, exposure, lamps, balance, factors, suns: this.suns(), apart: this.apart(), table: this.table(light, turn, exposure, lamps) };
     this.counted = null;
     this.shown = this.onCard && !this.objects() && !this.hand() ? this.asked : this.gains;
-    this.mirrored = bundle.gloss && state.view === "relit" ? this.mirror(light, turn, exposure, lamps, factors, balance) : null;
-    this.most = state.view === "relit" ? Live.usualGain(bundle, light, turn, exposure, lamps, factors, this.usually(balance)) : [1, 1, 1];
+    const whole = state.parts.every(({ on }) => on); // else reflections rest, too
+    this.mirrored = bundle.gloss && whole && state.view === "relit" ? this.mirror(light, turn, exposure, lamps, factors, balance) : null;
+    this.most = state.view === "relit" && this.lightsRest() ? Live.usualGain(bundle, light, turn, exposure, lamps, factors, this.usually(balance)) : [1, 1, 1];
     if (this.standing()) this.putGround(light, turn, exposure);
     this.milliseconds = performance.now() - began;
-    stage.sky(state.sky && state.view === "relit" && light.sky !== "captured" ? light.image : null, turn, exposure);
+    stage.sky(state.sky && state.view === "relit" && this.lightsRest() && light.sky !== "captured" ? light.image : null, turn, exposure);
     if (light.sky !== "captured") this.strip.draw(light, turn, exposure, this.asked.suns);
     this.compare.set(state.compare, state.line);
     this.remember();
@@ -183,7 +200,7 @@ class Session {
   }
 
   count() {
-    const { bundle, asked: { view, light, turn, exposure, balance, factors, suns, table } } = this;
+    const { bundle, asked: { view, light, turn, exposure, balance, factors, suns, table, apart } } = this;
     if (this.counted) return this.counted;
     const given = view === "captured" ? null : this.given(), { ratio, base, gains } = this.arrays ??= { ratio: new Float32Array(bundle.count * 3), base: new Float32Array(bundle.count * 3), gains: new Uint16Array(bundle.count * 4) };
     if (view === "captured") gains.set(Live.plainGains(bundle.count));
@@ -203,10 +220,11 @@ class Session {
           Live.divided(ratio, given); // all but the captured light shines on an albedo
           Live.addTerms(bundle, own(true), ratio);
         }
+        if (apart) Live.apart(bundle.parts, apart, ratio);
       }
       Live.gains(bundle, ratio, gains);
       if (this.objects()) this.putObjects(gains);
-      if (view === "relit") Live.showSky(bundle, light, turn, exposure, gains, factors[0]);
+      if (view === "relit" && this.lightsRest()) Live.showSky(bundle, light, turn, exposure, gains, factors[0]);
     }
     return this.counted = { ratio, gains };
   }
@@ -303,6 +321,7 @@ class Session {
     for (const key of ["turn", "exposure", "sun", "azimuth", "height", "lamps", "view", "captured", ...BY_HAND]) put(key, rounded(state[key]), key === "captured" ? rounded(lights[state.light].captured ?? 0) : this.usual[key]);
     for (const key of ["sky", "ground", "compare"]) put(key, state[key] ? "1" : "0", this.usual[key] ? "1" : "0");
     state.terms.forEach(({ on, ev }, index) => put(`lamp${index}`, on ? String(ev) : "off", "0"));
+    state.parts.forEach(({ on, ev }, index) => put(`part${index}`, on ? String(ev) : "off", String(index ? this.bundle.parts.entries[index - 1].exposure : 0)));
     const text = kept.toString();
     if (text === location.hash.slice(1)) return;
     clearTimeout(this.writing); // browsers count how often the address changes

@@ -21,7 +21,8 @@ const PANEL = `
 <label>Green <input id="r-green" type="range" min="-1" max="1" step="0.01"><output></output></label>
 <div class="row"><button id="r-keep" title="Two files for --captured-light captured_light.json">Save captured light</button></div>
 </details>
-<div id="r-terms"></div>
+<div id="r-terms" class="rows"></div>
+<div id="r-parts" class="rows"></div>
 <small id="r-objects" hidden>Objects show in the light that they were inserted in.</small>
 <small id="r-move" hidden>Drag an object to move it, with shift up and down; 7 and 8 turn it, a double click puts it back. Its shadow is then approximate.</small>
 <div class="row"><button data-view="relit">Relit</button><button data-view="albedo">Albedo</button><button data-view="captured">Captured</button></div>
@@ -34,12 +35,18 @@ const PANEL = `
 const RADIANS = Math.PI / 180, DAY_LEVEL = 0.35; // mean luminance at which the map of the captured light is shown
 const rounded = (value) => typeof value === "number" ? String(+value.toFixed(3)) : value; // as the address has it
 
-// A row for the captured light and one for each lamp.
+// A row for the captured light and one for each lamp; one for all else and for each part of the capture.
 function addSliders(session) {
-  element("r-terms").replaceChildren(...session.bundle.terms.map(({ kind, name }, index) => {
+  const { terms, parts } = session.bundle;
+  addRows(session, "terms", terms);
+  if (parts) addRows(session, "parts", [{ name: "all else" }, ...parts.entries]);
+}
+
+function addRows(session, list, entries) {
+  element(`r-${list}`).replaceChildren(...entries.map(({ kind, name }, index) => {
     const row = document.createElement("div"), label = document.createElement("label"), own = kind === "captured";
     const input = (type, more) => Object.assign(document.createElement("input"), { type, ...more });
-    const change = (values) => session.set(own && "captured" in values ? values : { terms: session.state.terms.map((term, i) => i === index ? { ...term, ...values } : term) });
+    const change = (values) => session.set(own && "captured" in values ? values : { [list]: session.state[list].map((entry, i) => i === index ? { ...entry, ...values } : entry) });
     const switched = input("checkbox", { title: "On or off" }), text = Object.assign(document.createElement("span"), { textContent: name, title: name });
     const slider = own ? input("range", { min: 0, max: 2, step: 0.01 }) : input("range", { min: -6, max: 6, step: 0.1 });
     switched.onchange = () => change({ on: switched.checked });
@@ -73,8 +80,8 @@ function refreshPanel(session) {
     element(`r-${key}`).nextElementSibling.textContent = text;
   }
   refreshDay(session);
-  document.querySelectorAll("#r-terms .term").forEach((row, index) => {
-    const { on, ev, color } = state.terms[index], own = session.bundle.terms[index].kind === "captured", [switched, picker] = row.querySelectorAll("label input");
+  for (const list of ["terms", "parts"]) document.querySelectorAll(`#r-${list} .term`).forEach((row, index) => {
+    const { on, ev, color } = state[list][index], own = list === "terms" && session.bundle.terms[index].kind === "captured", [switched, picker] = row.querySelectorAll("label input");
     switched.checked = on;
     if (picker) picker.value = color;
     row.querySelector("input[type=range]").value = own ? state.captured : ev;

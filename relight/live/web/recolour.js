@@ -19,7 +19,7 @@ class LivePass extends RenderPass {
   }
 }
 
-// The recolouring of a bundle's splats: light({view, light, turn, exposure, table, suns, balance, factors}) brings their
+// The recolouring of a bundle's splats: light({view, light, turn, exposure, table, suns, balance, factors, apart}) brings their
 // gains into `stream`. proxy: the mesh that casts shadows.
 function recolouring(app, resource, stream, bundle, proxy) {
   const device = app.graphicsDevice, { width, height } = stream, { weights, clusters, count, meta } = bundle;
@@ -31,16 +31,17 @@ function recolouring(app, resource, stream, bundle, proxy) {
     made.unlock();
     return made;
   };
-  const size = 2 + weights, step = 1 + weights, lamps = bundle.terms.some(({ runs }) => runs);
+  const size = 2 + weights, step = 1 + weights, lamps = bundle.terms.some(({ runs }) => runs), members = bundle.parts?.members, wide = PARTS + 1 + (bundle.parts?.entries.length ?? 0);
   const textures = {
     packedTexture: resource.getTexture("packedTexture"), chunkTexture: resource.streams.textures.get("chunkTexture"),
     uLiveRows: filled("rows", bundle.transfer, size, { 4: PIXELFORMAT_R32U, 8: PIXELFORMAT_RG32U, 16: PIXELFORMAT_RGBA32U }[size]),
     uLiveSurface: filled("surface", bundle.surface, 8, PIXELFORMAT_RG32U),
-    uLiveParts: texture("parts", PARTS, 1), uLiveTable: texture("table", step, clusters), uLiveLeaves: texture("leaves", step * MOST_SUNS, clusters), uLiveImage: texture("image", 128, 64),
+    uLiveParts: texture("parts", wide, 1), uLiveTable: texture("table", step, clusters), uLiveLeaves: texture("leaves", step * MOST_SUNS, clusters), uLiveImage: texture("image", 128, 64),
   };
   textures.uLiveBeside = lamps ? texture("beside", width, height, PIXELFORMAT_RGBA16U) : textures.uLiveSurface;
+  textures.uLiveMembers = members ? filled("members", new Uint8Array(Uint32Array.from({ length: count }, (_, n) => members[2 * n] | members[2 * n + 1] << 8).buffer), 4, PIXELFORMAT_R32U) : textures.uLiveSurface;
   for (let sun = 0; sun < MOST_SUNS; sun++) textures[`uLiveSun${sun}`] = textures.uLiveImage;
-  const code = (text) => text.replaceAll("WEIGHTS", weights);
+  const code = (text) => text.replaceAll("WEIGHTS", weights).replaceAll("APART", PARTS);
   const quad = new QuadRender(ShaderUtils.createShader(device, {
     uniqueName: `Recolour${weights}`, attributes: { vertex_position: "POSITION" }, vertexChunk: "fullscreenQuadVS",
     fragmentGLSL: code(RECOLOUR.glsl), fragmentWGSL: code(RECOLOUR.wgsl), fragmentOutputTypes: ["uvec4"],
@@ -55,11 +56,11 @@ function recolouring(app, resource, stream, bundle, proxy) {
     into.unlock();
   };
   const suns = [], frame = meta.frame.scene_from_splat, middle = frame.slice(0, 3).map((row) => row[3] + row.slice(0, 3).reduce((sum, value, k) => sum + value * meta.frame.middle[k], 0));
-  const leafy = leavesIn(bundle), parts = new Float32Array(4 * PARTS);
+  const leafy = leavesIn(bundle), parts = new Float32Array(4 * wide);
   let tabled = null, pictured = null, besideText = null, leaves = null;
   return {
     read: () => stream.read(0, 0, width, height, { renderTarget: pass.renderTarget, immediate: true }),
-    light({ view, light, turn, exposure, table, suns: shining, balance, factors }) {
+    light({ view, light, turn, exposure, table, suns: shining, balance, factors, apart = null }) {
       const captured = light.sky === "captured", lit = view === "relit", set = (at, ...values) => parts.set(values, 4 * at);
       set(0, ["captured", "albedo", "relit"].indexOf(view), lit ? shining.length : 0, turn, exposure);
       for (let k = 0; k < 3; k++) set(1 + k, ...frame[k]);
@@ -68,7 +69,8 @@ function recolouring(app, resource, stream, bundle, proxy) {
       set(6, ...balance, meta.surface.lift);
       if (lit) {
         const even = [0, 0, 0], placed = bundle.terms.map(({ runs }, index) => runs ? factors[index] : (factors[index].forEach((value, k) => { even[k] += Math.max(value, 0); }), null));
-        set(7, ...even, 0);
+        set(7, ...even, apart ? 1 : 0);
+        apart?.forEach(({ on, factor }, index) => set(PARTS + index, ...factor, on ? 1 : 0));
         set(8, ...Live.gainsOf(factors[0] ?? [1, 1, 1]), lamps && placed.some((factor) => factor?.some((value) => value > 0)) ? 1 : 0);
         if (parts[35]) putBeside(placed);
         if (table !== tabled) write(textures.uLiveTable, rgba(tabled = table, step, step));

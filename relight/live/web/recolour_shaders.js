@@ -6,6 +6,7 @@ uniform highp usampler2D packedTexture;
 uniform highp usampler2D uLiveRows;
 uniform highp usampler2D uLiveSurface;
 uniform highp usampler2D uLiveBeside;
+uniform highp usampler2D uLiveMembers;
 uniform highp sampler2D chunkTexture;
 uniform highp sampler2D uLiveParts;
 uniform highp sampler2D uLiveTable;
@@ -78,6 +79,7 @@ void main(void) {
   vec4 place = vec4(mix(a.xyz, vec3(a.w, b.xy), vec3((uvec3(splat.x) >> uvec3(21u, 11u, 0u)) & uvec3(2047u, 1023u, 2047u)) / vec3(2047.0, 1023.0, 2047.0)), 1.0);
   vec3 x = vec3(dot(part(1), place), dot(part(2), place), dot(part(3), place)), k;
   if (kind == 2u) {
+    if (part(7).a > 0.0 && part(APART).a == 0.0) return;
     if (more.x == 1.0) pcFragColor0.rgb = uvec3(part(8).rgb);
     else pcFragColor0 = uvec4(uvec3(floor(1024.0 * sky(x - more.yzw, how) + 0.5)), 1u);
     return;
@@ -99,6 +101,11 @@ void main(void) {
     }
     k = k * part(6).rgb + part(7).rgb;
     if (part(8).a > 0.0) k += uintBitsToFloat(texelFetch(uLiveBeside, at, 0).rgb << 15u);
+    if (part(7).a > 0.0) {
+      uint member = texelFetch(uLiveMembers, at, 0).r;
+      vec4 rest = part(APART), own = part(APART + int(member & 255u));
+      k = mix(mix(vec3(1.0), k * rest.rgb, rest.a), mix(vec3(1.0), k * own.rgb, own.a), float(member >> 8u) / 255.0);
+    }
   }
   vec3 color = floor(255.0 * mix(d.xyz, vec3(d.w, e.xy), vec3((uvec3(splat.w) >> uvec3(24u, 16u, 8u)) & 255u) / 255.0) + 0.5) / 255.0;
   color = clamp(color, 0.0, 1.0);
@@ -112,6 +119,7 @@ var packedTexture: texture_2d<u32>;
 var uLiveRows: texture_2d<u32>;
 var uLiveSurface: texture_2d<u32>;
 var uLiveBeside: texture_2d<u32>;
+var uLiveMembers: texture_2d<u32>;
 var chunkTexture: texture_2d<uff>;
 var uLiveParts: texture_2d<uff>;
 var uLiveTable: texture_2d<uff>;
@@ -201,6 +209,7 @@ fn gainOf(at: vec2i) -> vec4u {
   let place = vec4f(mix(a.xyz, vec3f(a.w, b.xy), share), 1.0);
   var x = vec3f(dot(part(1), place), dot(part(2), place), dot(part(3), place));
   if (kind == 2u) {
+    if (part(7).a > 0.0 && part(APART).a == 0.0) { return vec4u(1024u, 1024u, 1024u, 0u); }
     if (more.x == 1.0) { return vec4u(vec3u(part(8).rgb), 0u); }
     return vec4u(vec3u(floor(1024.0 * skyColor(x - more.yzw, how) + 0.5)), 1u);
   }
@@ -222,6 +231,12 @@ fn gainOf(at: vec2i) -> vec4u {
     }
     k = k * part(6).rgb + part(7).rgb;
     if (part(8).a > 0.0) { k += bitcast<vec3f>(textureLoad(uLiveBeside, at, 0).rgb << vec3u(15u)); }
+    if (part(7).a > 0.0) {
+      let member = textureLoad(uLiveMembers, at, 0).r;
+      let rest = part(APART);
+      let own = part(APART + i32(member & 255u));
+      k = mix(mix(vec3f(1.0), k * rest.rgb, rest.a), mix(vec3f(1.0), k * own.rgb, own.a), f32(member >> 8u) / 255.0);
+    }
   }
   let bytes = vec3f((vec3u(splat.w) >> vec3u(24u, 16u, 8u)) & vec3u(255u)) / 255.0;
   var color = clamp(floor(255.0 * mix(d.xyz, vec3f(d.w, e.xy), bytes) + 0.5) / 255.0, vec3f(0.0), vec3f(1.0));

@@ -130,8 +130,8 @@ def asked(**changes):
     """What is asked of a scene and a light in memory."""
     fields = {"albedo": "white", "capture_env": None, "exposure_ev": None, "formats": None, "baked": (), "sky": "new"}
     fields |= {"scene": ball_on_plate(), "lighting": LightingOptions(), "angles_deg": (0.0,)}
-    fields |= {"texture_size": None, "harmonics": "zero", "lights": ()}
-    plain = {"inserted": (), "only": (), "keep": (), "shadow_of_parts": False, "capture_tint": None, "white_at": None}
+    fields |= {"texture_size": None, "harmonics": "zero", "lights": (), "white_at": None}
+    plain = {"inserted": (), "only": (), "keep": (), "parts": (), "shadow_of_parts": False, "capture_tint": None}
     return SimpleNamespace(**plain | fields | changes)
 
 

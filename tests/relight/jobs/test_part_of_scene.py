@@ -1,8 +1,6 @@
 """New light on a part of a scene: what its files hold, and what is refused before any is written."""
 
 import json
-import re
-import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -52,6 +50,11 @@ def rows_of(path):
     return np.frombuffer(body, np.uint8).reshape(-1, width)
 
 
+def height_of(scene):
+    """The second coordinate of vertices (V,) in the frame of the splat."""
+    return (scene.vertices @ np.linalg.inv(scene.scene_from_splat)[:3, :3].T)[:, 1]
+
+
 def test_outside_the_part_and_its_rim_the_splat_file_keeps_every_bit(here):
     captured = read_splats("ball.ply")
     write_relit_ply(here / "captured.ply", captured, here / "ball.ply")
@@ -78,18 +81,57 @@ def test_what_is_kept_keeps_every_bit_and_the_rest_is_relit(here):
     assert (~relit & ~inside).sum() == rim
 
 
-def test_parts_in_lights_of_their_own_are_joined_as_the_page_says(here, tmp_path, monkeypatch):
-    for name, path in (("first", "part"), ("second", "rest")):
-        shutil.copytree(here / path, tmp_path / name)
-    shutil.copy(here / "ball.ply", tmp_path / "garden.ply")
-    monkeypatch.chdir(tmp_path)
-    page = (Path(__file__).parents[3] / "docs/relit.md").read_text("utf-8")
-    exec(re.findall(r"^```python\n(.*?)^```", page, re.MULTILINE | re.DOTALL)[-1], {})
-    inside = np.abs(read_splats("garden.ply").means[:, 1] + 1) <= 0.75
-    names = "both.ply", "first/relit_splat.ply", "second/relit_splat.ply"
-    both, part, rest = (rows_of(tmp_path / name) for name in names)
-    np.testing.assert_array_equal(both[inside], part[inside])
-    np.testing.assert_array_equal(both[~inside], rest[~inside])
+def test_a_part_in_a_light_of_its_own_leaves_all_others_as_they_were(here):
+    words = ["--part", PART, "env=sunset", "rotate=90"]
+    formats = ["--format", "splat", "npy", "png"]
+    assert main(["ball", *LIGHT, *words, *formats, "-o", "own"]) == 0
+    assert main(["ball", "--env", "sunset", *LIGHT[2:], "--rotate", "90", *formats, "-o", "other"]) == 0
+    before, after, other = (rows_of(here / name / "relit_splat.ply") for name in ("whole", "own", "other"))
+    inside = np.abs(read_splats("ball.ply").means[:, 1] + 1) <= 0.75
+    report = json.loads((here / "own" / "report.json").read_text())
+    (entry,) = report["parts"]
+    assert (entry["part"], entry["env"], entry["rotate"], entry["splats"]["part"]) == (PART, "sunset", 90, inside.sum())
+    np.testing.assert_array_equal(after[inside], other[inside])
+    changed = (before != after).any(axis=1) & ~inside
+    assert 50 < changed.sum() <= entry["splats"]["rim"]
+    assert np.abs(read_splats("ball.ply").means[changed, 1] + 1).max() < 0.75 + 0.4  # three splats are .26 apart
+    levels = [json.loads((here / name / "report.json").read_text())["exposure"] for name in ("own", "other")]
+    whole, own, turned = (np.load(here / name / "radiance.npy") for name in ("whole", "own", "other"))
+    within = np.abs(height_of(Scene.load("ball")) + 1) <= 0.749
+    np.testing.assert_allclose(own[within] * levels[0], turned[within] * levels[1], rtol=1e-5)
+    far = np.abs(height_of(Scene.load("ball")) + 1) > 1.0
+    np.testing.assert_array_equal(own[far], whole[far])
+
+
+def test_a_part_may_only_be_brighter_and_tinted_under_the_light_of_the_capture(here):
+    assert main(["ball", *LIGHT[2:], "--part", PART, "exposure=1", "tint=1,.5,.25", "--format", "npy", "-o", "up"]) == 0
+    report, scene = json.loads((here / "up" / "report.json").read_text()), Scene.load("ball")
+    shown = np.load(here / "up" / "radiance.npy") * np.float32(report["exposure"])
+    within, far = np.abs(height_of(scene) + 1) <= 0.749, np.abs(height_of(scene) + 1) > 1.0
+    assert report["environment"]["name"] == "captured"
+    np.testing.assert_array_equal(shown[far], scene.colors_linear[far])
+    color = np.array([1, 0.5, 0.25]) / np.dot([1, 0.5, 0.25], [0.2126, 0.7152, 0.0722])
+    np.testing.assert_allclose(shown[within], 2 * color * scene.colors_linear[within], rtol=1e-5)
+
+
+def test_the_last_part_lies_on_top_and_only_leaves_its_own_rest(here):
+    asked = [
+        "--only",
+        PART,
+        "--part",
+        "sphere:at=0,-2,0,radius=.5",
+        "exposure=-2",
+        "--part",
+        "sphere:at=0,-2,0,radius=.4",
+    ]
+    assert main(["ball", *LIGHT, *asked, "env=captured", "--format", "splat", "-o", "top"]) == 0
+    before, part, after = (
+        rows_of(path) for path in (Path("ball.ply"), *(here / f"{n}/relit_splat.ply" for n in ("part", "top")))
+    )
+    away = np.linalg.norm(read_splats("ball.ply").means - [0, -2, 0], axis=1)
+    np.testing.assert_array_equal(after[away > 0.9], part[away > 0.9])
+    assert not (after[(away > 0.41) & (away < 0.5)] == part[(away > 0.41) & (away < 0.5)]).all()
+    np.testing.assert_array_equal(after[away <= 0.4], before[away <= 0.4])
 
 
 def test_vertices_show_the_part_too(here):
@@ -97,8 +139,7 @@ def test_vertices_show_the_part_too(here):
     scene = Scene.load("ball")
     exposure = json.loads((here / "part" / "report.json").read_text())["exposure"]
     captured = scene.colors_linear / np.float32(exposure)
-    height = (scene.vertices @ np.linalg.inv(scene.scene_from_splat)[:3, :3].T)[:, 1]
-    inside, far = np.abs(height + 1) <= 0.749, np.abs(height + 1) > 1.0
+    inside, far = np.abs(height_of(scene) + 1) <= 0.749, np.abs(height_of(scene) + 1) > 1.0
     np.testing.assert_array_equal(part[inside], whole[inside])
     np.testing.assert_array_equal(part[far], captured[far])
     assert (here / "part" / "preview.png").read_bytes() != (here / "whole" / "preview.png").read_bytes()
@@ -156,6 +197,15 @@ def test_a_mesh_without_splats_has_parts_of_space():
         (["--only", PART, "--format", "glb", "--live"], "--live: it is of the whole scene"),
         (["--only", PART, "--view"], "--only: a session shows the whole scene"),
         (["--only", PART, "--quick"], "--only: a first look does not heed it"),
+        (["--part", PART], f"--part {PART}: its light has env, rotate, exposure, tint, each as name=value; found none"),
+        (["--part", PART, "warmth=2"], f"--part {PART}: its light has env, rotate, exposure, tint"),
+        (["--part", PART, "exposure=bright"], f"--part {PART}: exposure bright: expected a number from -10 to 10"),
+        (["--part", PART, "tint=mauve"], f"--part {PART}: color mauve: expected a temperature"),
+        (["--part", PART, "env=nowhere.exr"], "nowhere.exr"),
+        (["--part", "env=noon"], "--part env=noon: it begins with a part"),
+        (["--part", "box:at=9,9,9,size=1,1,1", "exposure=1"], "size=1,1,1: none of 3,000 splats lies in it"),
+        (["--part", PART, "exposure=1", "--format", "usd"], "--format usd: it is of the whole scene"),
+        (["--part", PART, "exposure=1", "--view"], "--part: a session shows the whole scene"),
     ],
 )
 def test_a_part_that_is_not_there_is_refused_in_one_line_before_anything_is_written(

@@ -74,6 +74,26 @@ def test_a_frame_elsewhere_has_the_light_of_the_first(lit):
     assert np.abs(moved - still)[seen].mean() < 0.5 * 0.014
 
 
+def test_a_part_in_a_light_of_its_own_moves_with_its_rows(lit, monkeypatch):
+    monkeypatch.chdir(lit)
+    (lit / "few").mkdir()
+    for name in (STILL[0], MOVED):
+        shutil.copy(lit / "frames" / name, lit / "few" / name)
+    sphere = "sphere:at=0,-2,0,radius=1"
+    asked = {"plain": [], "parted": ["--part", sphere, "env=sunset"], "only": ["--only", sphere]}
+    for name, words in asked.items():
+        assert main(["few", *LIGHT, *words, "-o", name]) == 0
+    assert main(["few", *[each.replace("noon", "sunset") for each in LIGHT], "-o", "other"]) == 0
+    inside = np.linalg.norm(read_splats(lit / "few" / STILL[0]).means - [0, -2, 0], axis=1)
+    for name in (STILL[0], MOVED):
+        plain, parted, only, other = (read_splats(lit / each / name).sh for each in (*asked, "other"))
+        np.testing.assert_array_equal(parted[inside > 1.6], plain[inside > 1.6])
+        np.testing.assert_array_equal(parted[inside < 1], other[inside < 1])
+        np.testing.assert_array_equal(only[inside > 1.6], read_splats(lit / "few" / name).sh[inside > 1.6])
+        np.testing.assert_array_equal(only[inside < 1], plain[inside < 1])
+        assert np.abs(plain - other)[inside < 1].mean() > 0.05
+
+
 def test_only_colours_change(lit):
     for name in (STILL[3], MOVED, ALONE):
         before, after = (read_splats(lit / folder / name) for folder in ("frames", "out"))
@@ -167,7 +187,7 @@ def test_a_page_plays_the_relit_frames(lit, monkeypatch, capsys):
     ("words", "message"),
     [
         (["f_00.ply", "--sequence"], "--sequence: expected a folder of numbered splat files, found f_00.ply"),
-        ([".", "--sequence", "--only", "f_00.ply"], "--only: a sequence does not heed it"),
+        ([".", "--sequence", "--insert", "f_00.ply"], "--insert: a sequence does not heed it"),
         ([".", "--sequence", "--format", "glb"], "--format: a sequence has splat, and png and web on request"),
         ([".", "--sequence", "--fps", "0"], "frames per second must be above 0"),
         ([".", "--sequence", "--plan"], "--plan: not supported for a sequence"),

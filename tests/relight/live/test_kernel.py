@@ -14,6 +14,7 @@ from relight.live.bundle import write_bundle
 from relight.live.compression import Compressed
 from relight.live.harmonics import about_y, turned
 from relight.live.lights import light_of
+from relight.live.parts import LivePart, LiveParts
 from relight.live.response import light_vector
 from relight.sh import harmonics
 
@@ -243,3 +244,36 @@ def test_a_painted_sky_is_the_light_looked_up_and_tone_mapped():
     command = ["node", "--input-type=module", "-e", PAINT, WEB]
     done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)
     assert float(done.stdout) < 0.56
+
+
+def test_parts_are_lit_apart_and_blended_at_their_rim(folder, tmp_path):
+    live, rng = live_scene()[3], np.random.default_rng(0)
+    count = len(live.splats)
+    shares = rng.choice(np.float32([0, 0, 1, 0.4]), (2, count))
+    kept = [LivePart("door", shares[0], 1.0, (1.0, 1.0, 1.0)), LivePart("lamp", shares[1], 0.0, (2.0, 0.7, 1.0))]
+    order = rng.permutation(count)
+    parts = LiveParts.of(kept, order)
+    write_bundle(tmp_path, live._replace(parts=parts), exact=False)
+    meta = json.loads((tmp_path / "live.json").read_text())
+    assert [each["name"] for each in meta["parts"]] == ["door", "lamp"] and meta["parts"][0]["exposure"] == 1.0
+    lights = [
+        {"on": True, "factor": [1, 1, 1]},
+        {"on": True, "factor": [2, 1, 0.5]},
+        {"on": False, "factor": [1, 1, 1]},
+    ]
+    whole, found = tmp_path / "whole", tmp_path / "found"
+    lit(folder, sun=0, change=str(whole))
+    lit(tmp_path, sun=0, change=str(found), apart=lights)
+    k, apart = (np.fromfile(path, np.float32).reshape(-1, 3) for path in (whole, found))
+    own = [k, k * [2, 1, 0.5], np.ones_like(k)]
+    number = np.where(shares[1] > 0, 2, (shares[0] > 0).astype(int))[order]
+    share = np.where(number == 2, shares[1][order], shares[0][order])[:, None]
+    second = np.choose(number[:, None], own)
+    np.testing.assert_allclose(apart, k + share * (second - k), rtol=1e-5, atol=1e-6)
+    np.testing.assert_array_equal(apart[number == 0], k[number == 0])
+    (tmp_path / "parts.bin").write_bytes(b"short")
+    assert "parts.bin holds 5 bytes" in lit(tmp_path)["error"]
+
+
+def test_without_parts_a_bundle_has_none():
+    assert LiveParts.of([], np.arange(4)) is None

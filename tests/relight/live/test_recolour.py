@@ -39,10 +39,11 @@ def compared(folder, meta, kind):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize(("weights", "lamps"), [(2, False), (6, True), (14, False)])
-def test_every_splat_has_the_gain_that_the_processor_gives_it(tmp_path, kind, weights, lamps):
-    """Surfaces, leaves, sky, suns and their shadows, lamps, tint, white. A step of a gain is a 1,024th; where an edge
-    of a shadow runs through a texel, the two may differ more."""
+@pytest.mark.parametrize(("weights", "more"), [(2, ""), (6, "lamps"), (14, "parts")])
+def test_every_splat_has_the_gain_that_the_processor_gives_it(tmp_path, kind, weights, more):
+    """Surfaces, leaves, sky, suns and their shadows, lamps, parts, tint, white. A step of a gain is a 1,024th; where an
+    edge of a shadow runs through a texel, the two may differ more."""
+    lamps = more == "lamps"
     meta, splats, kinds = make_bundle(tmp_path, 3000, weights=weights, splats=make_splats(3000, 0), lamps=lamps)
     assert set(kinds) == {0, 1, 2}
     frame = np.array(meta["frame"]["scene_from_splat"])
@@ -51,6 +52,10 @@ def test_every_splat_has_the_gain_that_the_processor_gives_it(tmp_path, kind, we
     corners = rng.choice(places, 60)[:, None] + 0.2 * places.std() * rng.normal(size=(60, 3, 3))
     triangles = corners.reshape(-1, 3).astype(np.float32), np.arange(180).reshape(-1, 3)
     write_proxy(tmp_path / "proxy.glb", *triangles)
+    if more == "parts":
+        members = np.stack([np.arange(3000) % 3, rng.integers(0, 256, 3000)], axis=1).astype(np.uint8)
+        (tmp_path / "parts.bin").write_bytes(members.tobytes())
+        meta["parts"] = [{"name": name, "exposure": 0, "tint": [1, 1, 1]} for name in "ab"]
     if not lamps:
         meta["lights"][1]["suns"] *= 2  # of which one moves aside
         meta["lights"][1]["suns"][1] = {"direction": [0.6, 0.8, 0.0], "weight": [0.5, 1.0, 2.0]}

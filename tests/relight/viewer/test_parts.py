@@ -12,13 +12,16 @@ from inline_worker import InlineWorker
 from viewer_scenes import SIZE, Clock, ball_on_plate
 
 from relight import LightingOptions, RelightRequest
+from relight.albedo.by_hand import HandLight
 from relight.cli import main
 from relight.jobs.job import Job
 from relight.jobs.session import session_of
 from relight.splats.kept_parts import NAME, kept_parts
 from relight.viewer.controls import CONTROLS
+from relight.viewer.part_bench import PartMade
 from relight.viewer.session import Session
 from relight.viewer.window import Window
+from splat2mesh.scene.color import linear_from_srgb
 from splat2mesh.splats.formats import read_splats, write_inria_ply
 
 pytestmark = pytest.mark.usefixtures("vtk_is_silent")
@@ -115,6 +118,42 @@ def test_the_slider_says_how_far_a_part_reaches(window):
     assert bench.splats.sum() == small
 
 
+def test_a_part_has_a_light_of_its_own_that_is_kept_and_undone(window, folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    bench, scene = window.session.parts, folder / "ball"
+    click(window, *pixel(window, 1.2))
+    colors = window.session.scene.colors_srgb
+    marked = bench.tinted(colors)
+    window.picture()
+    for name, at in (("part_exposure_ev", 0.75), ("part_warmth", 0.75)):
+        slider = next(hot for hot in window.panel.hot if hot.name == name)
+        left, base, width, height = slider.box
+        click(window, left + 4 + (width - 8) * at, base + height / 2)
+    made, part = bench.made, bench.vertices
+    assert made.exposure_ev == pytest.approx(2, abs=0.1) and made.warmth == pytest.approx(1, abs=0.05)
+    shown = bench.tinted(colors)
+    np.testing.assert_array_equal(shown[~part], colors[~part])
+    before, after = (linear_from_srgb(each[part] / np.float32(255)) for each in (colors, shown))
+    seen = (before.mean(axis=0) > 0.01) & (after.mean(axis=0) < 0.9)
+    factors = after.mean(axis=0) / before.mean(axis=0)
+    wanted = 2**made.exposure_ev * HandLight(warmth=made.warmth).tint
+    np.testing.assert_allclose(factors[seen], wanted[seen], rtol=0.05)
+    window.press_key("z")
+    window.press_key("z")
+    np.testing.assert_array_equal(bench.tinted(colors), marked)
+    window.press_key("y")
+    window.press_key("Return")
+    name = next(reversed(kept_parts(scene)))
+    assert window.note == f"kept as {name}: relight {scene} --part {name}" and bench.made == PartMade()
+    assert kept_parts(scene)[name].light == {"exposure": made.exposure_ev}
+    assert main(["ball", *LIGHT, "--part", name, "-o", "lit"]) == 0
+    assert main(["ball", *LIGHT, "--part", f"ball/{name}.npy", f"exposure={made.exposure_ev}", "-o", "lit"]) == 0
+    assert main(["ball", *LIGHT, "--part", name, "exposure=-1", "-o", "darker"]) == 0
+    reports = [json.loads((folder / path / "report.json").read_text()) for path in ("lit", "darker")]
+    assert [each["parts"][0]["exposure"] for each in reports] == [made.exposure_ev, -1]
+    (scene / NAME).unlink()
+
+
 def test_a_drag_looks_around_and_other_modes_come_first(window):
     session, orbit = window.session, window.orbit
     window._interactor.SetEventPosition(200, 200)
@@ -141,7 +180,7 @@ def test_what_is_kept_is_a_part_for_the_commands(window, folder, monkeypatch, ca
     part = bench.splats
     window.press_key("Return")
     assert window.note == f"kept as part1: relight {scene} --only part1" and not bench.clicks
-    np.testing.assert_array_equal(np.load(kept_parts(scene)["part1"]), part)
+    np.testing.assert_array_equal(np.load(kept_parts(scene)["part1"].file), part)
     assert main(["ball.ply", *LIGHT, "--only", "part1", "-o", "named"]) == 0
     assert main(["ball", *LIGHT, "--only", "ball/part1.npy", "-o", "rows"]) == 0
     files = "named/relit_splat.ply", "rows/relit_splat.ply", "whole/relit_splat.ply", "ball.ply"
