@@ -15,9 +15,8 @@ TOGETHER = 4
 def merged(splats: Splats, together: int = TOGETHER) -> Splats:
     """Merge every few successive splats, so in spatial order, to one; the last may stand for fewer.
 
-    splats: usable ones (`cleaning.clean`). together: how many become one. Returns Splats without harmonics. Mean,
-    covariance and colour are those of the mixture, each splat weighing its opacity times its area, and the opacity
-    keeps the sum of these, up to 1.
+    splats: usable ones (`cleaning.clean`). together: how many become one. Mean, covariance and harmonics are those
+    of the mixture, each splat weighing its opacity times its area, and the opacity keeps the sum of these, up to 1.
 
     Source: Goldberger and Roweis, "Hierarchical Clustering of a Mixture Model" (2004).
     """
@@ -40,7 +39,7 @@ def merged(splats: Splats, together: int = TOGETHER) -> Splats:
     scales = np.maximum(scales, FLATTEST * scales.max(axis=1, keepdims=True))
     quats = np.roll(scipy.spatial.transform.Rotation.from_matrix(axes).as_quat(), 1, axis=1)
     opacities = np.minimum(sums(cover) / np.maximum(scales[:, 1] * scales[:, 2], 1e-300), 1.0)
-    colors = sums(share[:, None, None] * splats.sh[:, :1])
+    colors = sums(share.astype(np.float32)[:, None, None] * splats.sh)
     return Splats(
         means,
         scales,

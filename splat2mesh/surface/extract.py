@@ -164,11 +164,12 @@ def _field(look: Look, effort: Effort, vertices: int, stages: Stages) -> tuple[A
     return mesh, pictures
 
 
-def merged_look(look: Look) -> Look:
-    """The same with Gaussians that are finer than its views merged, so the work follows what is seen. A surface is seen
-    in a third of the views or so, so its pixels are about three times those of one view."""
+def merged_look(look: Look, per_pixel: float = PER_PIXEL) -> Look:
+    """The same with Gaussians that are finer than its views merged, so the work follows what is seen: those beyond so
+    many for each pixel. A surface is seen in a third of the views or so, so its pixels are about three times those of
+    one view."""
     seen = SIDES_SEEN * max((view.width * view.height for view in look.views), default=0)
-    together = int(len(look.splats) / (PER_PIXEL * seen)) if seen else 1
+    together = int(len(look.splats) / (per_pixel * seen)) if seen else 1
     if together < 2:
         return look
     return look._replace(splats=merged(look.splats.in_spatial_order(), together))

@@ -11,7 +11,7 @@ from ..base.progress import Stages
 from ..base.threads import ROWS_AT_ONCE
 from ..scene.color import bytes_from_unit, linear_from_srgb, srgb_from_linear
 from ..scene.scene import Scene
-from ..surface.extract import Look, training_pixel
+from ..surface.extract import Look, merged_look, training_pixel
 from .atlas import Atlas, atlas_of, check_size, face_areas, surface_area, welded
 from .charts import GUTTER, charts_of
 from .density import local_pixel
@@ -28,6 +28,9 @@ PIXELS, MOST_PIXELS = (256, 768), 50_000_000
 
 FINER = 2.0
 """Pixels of a picture along a texel at the typical distance: most of a place is nearer to some view."""
+
+PER_PIXEL = 0.15
+"""Gaussians for each pixel of the surface in pictures of it, beyond which they are merged."""
 
 NEARNESS_PLACE, NEARNESS_OBJECT = 1.0, 0.0
 """How the distance of a view counts: in a place far views are coarse, around an object all are alike. PSNR of a
@@ -102,10 +105,15 @@ def texture_of(
         focal = float(np.median([view.fx / max(view.width, view.height) for view in views]))
         wanted = FINER * _typical_depth(scene, views, back) / (focal * atlas.texel_size * unit)
         pixels = int(np.clip(min(wanted, np.sqrt(MOST_PIXELS / len(views))), *PIXELS))
-        pictures = Pictures.of(looks, pixels)
+        pictures = Pictures.of([_merged(look, pixels) for look in looks], pixels)
     with stages.stage("texels"):
         colors, unseen = _colors(scene, atlas, pictures, back, COARSE * training_pixel(looks[0].splats))
     return Texture(scene, atlas, colors, unseen, scale)
+
+
+def _merged(look: Look, pixels: int) -> Look:
+    """A Look whose Gaussians are merged for pictures with so many pixels along the longer side."""
+    return merged_look(look._replace(views=[view.resized(pixels) for view in look.views]), PER_PIXEL)
 
 
 def _edge(corners: NDArray[np.float64]) -> float:

@@ -11,7 +11,7 @@ from splat2mesh.splats.splats import Splats
 def test_one_splat_for_several_has_the_moments_of_their_mixture():
     splats = make_splats(11, 1)
     found = merged(splats, 4)
-    assert len(found) == 3 and found.degree == 0
+    assert len(found) == 3 and found.degree == splats.degree == 1
     area = np.sort(splats.scales, axis=1)[:, 1:].prod(axis=1)
     for number, rows in enumerate((slice(0, 4), slice(4, 8), slice(8, 11))):
         weights = (splats.opacities * area)[rows].astype(float)
@@ -21,8 +21,8 @@ def test_one_splat_for_several_has_the_moments_of_their_mixture():
         np.testing.assert_allclose(found.means[number], mean, rtol=1e-5, atol=1e-6)
         expected = np.average(spread, axis=0, weights=weights)
         np.testing.assert_allclose(found.covariances()[number], expected, rtol=1e-4, atol=1e-6 * expected.max())
-        color = np.average(splats.sh[rows, 0], axis=0, weights=weights)
-        np.testing.assert_allclose(found.sh[number, 0], color, rtol=1e-5, atol=1e-6)
+        colors = np.average(splats.sh[rows], axis=0, weights=weights)
+        np.testing.assert_allclose(found.sh[number], colors, rtol=1e-5, atol=1e-6)
         own = np.sort(found.scales[number])[1:].prod()
         assert found.opacities[number] == pytest.approx(min(weights.sum() / own, 1.0), rel=1e-3)
 
