@@ -229,8 +229,8 @@ def _plotted(report: Any, path: Path) -> str:
     """Draw the curve of a plan: a line of the summary. Raises InputError where nothing was planned."""
     from .planning.plot import plot_plan
 
-    if report.plan is None:
-        raise InputError(f"--plot {path}: there is no curve to draw: {report.note or 'nothing to plan'}")
+    if report.plan is None or not report.plan.rays:
+        raise InputError(f"--plot {path}: there is no curve to draw: {report.note or 'nothing was measured'}")
     plot_plan(path, report.plan, f"{report.plan.vertices:,} sampled vertices, {report.plan.rays:,} rays")
     return f"{path}: what accuracy costs here"
 

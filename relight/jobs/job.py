@@ -80,7 +80,8 @@ class Job:
     def begin(self) -> None:
         """As `KnownScene.begin`."""
         _ = self.known.relighter  # before the light is asked for
-        self.known.begin(self.light_kind is not LightKind.CAPTURED or any(each.has_own for each in self.inputs.lit_parts))
+        traces = self.light_kind is not LightKind.CAPTURED
+        self.known.begin(traces or any(each.has_own for each in self.inputs.lit_parts))
 
     # the light
 

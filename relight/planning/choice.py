@@ -1,6 +1,7 @@
 """Candidate settings for a light on a scene: the cost and error of each, and the best of them."""
 
 import math
+import time
 from collections.abc import Callable, Iterator
 from itertools import product
 from typing import Any, NamedTuple
@@ -42,7 +43,7 @@ NEAR_LEAST = 1.1
 """Without a setting within the target: the factor on the least error within which the cheapest setting wins."""
 
 MAX_SPLITS = len(SUN_TOLERANCES)
-"""How often suns are looked for while a plan is made: that takes longer than all the rest of it."""
+"""How often suns are looked for while a plan is made, in a budget once: that takes longer than all the rest of it."""
 
 STOP_PART, LEAST_STOP = 0.1, 1e-3  # of the tolerance, for the bounces after the last
 
@@ -75,7 +76,8 @@ def _most_exact(candidate: Candidate) -> tuple[float, float]:
 
 
 class Choice:
-    """All settings worth considering for what was measured. budget_s: seconds that are left for them; None without."""
+    """All settings worth considering for what was measured, and the seconds that each takes from now on: suns that a
+    plan has found are not sought again. until: `time.perf_counter` at the end of a budget; None without."""
 
     def __init__(
         self,
@@ -86,39 +88,43 @@ class Choice:
         angles: int,
         leaves: Leaves | None,
         there: Callable[[Settings], tuple[bool, bool]],
+        until: float | None = None,
     ) -> None:
         self._leaves, self._there = leaves, there
         self._known_there: dict[Settings, tuple[bool, bool]] = {}
         self._known_levels: dict[tuple[int, float], int] = {}
         self.measured, self._environment, self._angles = measured, environment, angles
         self._method, self._effects = options.fixed_method, options.fixed_effects
-        self._bands, self._rays, self.budget_s = options.bands, options.rays, options.budget_s
-        self._tolerance = tolerance if self.budget_s is None else BUDGET_TOLERANCE
+        self._bands, self._rays, self._until = options.bands, options.rays, until
+        self._tolerance = tolerance if until is None else BUDGET_TOLERANCE
         self._target = SAFETY * tolerance
         self._splits: dict[tuple[int, float], tuple[Any, Suns, float]] = {}
         self._sun_factor = self._width_factor = 1.0  # of suns, found over expected; measured over planned
         sample = measured.sample
-        self._solid = sample.weights[sample.solid > 0.0].sum() * sample.traced_share
+        self._vertices, solid = int(sample.sizes.sum()), sample.weights[sample.solid > 0.0].sum() * sample.traced_share
         self._shadowed, self._unshadowed = self._shadows(SKIPPED * self._tolerance)
+        self._shooting = int(sample.sizes[self._shadowed].sum() * solid)
         self._candidates = list(self._all())
 
     def best(self) -> Candidate:
         """The quickest candidate within the target, or the most exact within the budget.
 
-        Suns are found for the chosen one alone. Where they turn out more, or the rest less smooth, it may lose.
+        Suns are found for the chosen one alone. Where they turn out more, or the rest less smooth, it may lose; others
+        are tried where they save more than finding their suns takes.
         """
         while True:
             best = self._chosen(self._candidates)
             if self._is_known(best.settings):
                 return best
-            if len(self._splits) == MAX_SPLITS:
+            if len(self._splits) == (MAX_SPLITS if self._until is None else 1):
                 return self._chosen([each for each in self._candidates if self._is_known(each.settings)])
             self._split((best.settings.bands, best.settings.sun_tolerance))
             self._candidates = list(self._all())
 
     def _chosen(self, candidates: list[Candidate]) -> Candidate:
-        if self.budget_s is not None:
-            good = [each for each in candidates if each.seconds <= self.budget_s]
+        if self._until is not None:
+            left = self._until - time.perf_counter()
+            good = [each for each in candidates if each.seconds <= left]
             return min(good, key=_most_exact) if good else min(candidates, key=_quickest)
         good = [each for each in candidates if each.error <= self._target]
         if good:
@@ -144,11 +150,6 @@ class Choice:
         if split is not None:
             return len(split[1])
         return round(self._sun_factor * costs.expected_suns(settings.sun_tolerance)) if settings.sun_tolerance else 0
-
-    def found_s(self, settings: Settings) -> float:
-        """Seconds of the settings' cost that planning itself has spent: the suns that it found are not sought again."""
-        found = settings.sun_tolerance and self._is_known(settings)
-        return costs.SPLIT * self.measured.sample.ray_s if found else 0.0
 
     def checked(self, settings: Settings, transfer: Floats, tolerance: float) -> float:
         """The error of the settings with the noise that a transfer (S, K) of the sample's rows really has; beyond the
@@ -244,25 +245,25 @@ class Choice:
         if self._effects is not None:
             return list(costs.BOUNCE_RAYS)
         small = self.measured.bounces[0] <= SKIPPED * self._tolerance
-        return [0] if small and self.budget_s is None else [0, *costs.BOUNCE_RAYS]
+        return [0] if small and self._until is None else [0, *costs.BOUNCE_RAYS]
 
     def _rated(self, settings: Settings) -> Candidate:
         """The candidate: what the settings cost and how far off they are."""
-        error, sizes = self.but_noise(settings), self.measured.sample.sizes
+        error, sample, there = self.but_noise(settings), self.measured.sample, self._is_there(settings)
         if settings.rays:
             error = math.hypot(error, self._noise(settings))
-        traced = int(sizes.sum() if settings.shadowed is None else sizes[list(settings.shadowed)].sum())
-        sample, there = self.measured.sample, self._is_there(settings)
         once, each = costs.seconds(
             settings,
-            int(sizes.sum()),
-            int(traced * self._solid),
+            self._vertices,
+            self._shooting,
             sample.ray_s,
             self.sun_count(settings),
             sample.traced_share,
             there,
             sample.unsure,
         )
+        if settings.sun_tolerance and self._is_known(settings):
+            once -= costs.SPLIT * sample.ray_s
         once += self._leaves.seconds if self._leaves and settings.volume and not there[0] else 0.0
         return Candidate(once + self._angles * each, error, settings)
 

@@ -1,10 +1,9 @@
 """From a sample of the scene to a plan: the cheapest settings within an error, or the best within a time."""
 
 import math
-import sys
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,10 +15,11 @@ from ..transfer import volume
 from ..transfer.occluder import Occluder
 from ..transfer.settings import BOUNCES, VOLUME, Settings
 from ..transfer.store import Cache
-from .choice import BUDGET_TOLERANCE, SKIPPED, Choice, Leaves
+from . import costs
+from .choice import BUDGET_TOLERANCE, SKIPPED, SUN_TOLERANCES, Choice, Leaves
 from .effect_errors import EffectErrors
 from .plan import Plan
-from .sample import Sample
+from .sample import Sample, ray_seconds
 
 VOLUME_PART = 0.35
 """Share of the tolerance for the number of directions on leaves and grass."""
@@ -31,6 +31,18 @@ SAMPLE_VERTICES = 384
 SAMPLE_DIRECTIONS, FEWEST, MOST = 28.6, 1024, 8192
 """Directions of the sample times the tolerance, rounded up to a power of two: their own noise stays below a third of
 it; and the range that they keep to."""
+
+
+UNMEASURED_VERTICES = 5000
+"""Of a scene, up to which everything costs less than a sample and what it would choose (`scripts/bench unmeasured`)."""
+
+UNMEASURED = (0.016, {}), (0.0095, {"bands": 10, "rays": 256, "sun_tolerance": SUN_TOLERANCES[1], "bounce_rays": 128})
+"""Settings beyond those without a plan that are taken there, quickest first, and before them their largest error under
+six lights on seven generated shapes (the same script)."""
+
+
+SAMPLE_PART = 0.2
+"""Of a budget, for the rays of the sample."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +61,32 @@ class PlannedScene:
     cache: Cache | None = None
 
 
+def unmeasured(scene: PlannedScene, options: LightingOptions, angles: int = 1) -> Plan | None:
+    """The Plan without a sample where that would cost more than it saves, else None. Arguments as of `planned`."""
+    start, vertices, budget_s = time.perf_counter(), int(np.sum(scene.sizes)), options.budget_s
+    given = options.bands, options.rays, options.fixed_effects, options.fixed_method, scene.foliage, scene.traced
+    if any(each is not None for each in given) or vertices > UNMEASURED_VERTICES:
+        return None
+    ray_s, curve = ray_seconds(scene.occluder, np.arange(vertices), 1)[0], list[tuple[float, float, Settings]]()
+    for error, finer in UNMEASURED:
+        settings = options.unplanned._replace(volume=0, **finer)
+        if scene.albedo is None:
+            settings = settings._replace(bounce_rays=0, bounce_tolerance=0.0)
+        suns = round(costs.expected_suns(settings.sun_tolerance))
+        once, each = costs.seconds(settings, vertices, vertices, ray_s, suns)
+        curve.append((once + angles * each, error, settings))
+    if budget_s is None:
+        known = [row for row in curve if row[1] <= options.accepted_error]
+    else:  # the finest that it pays for; a sample would not be cheaper
+        known = [row for row in curve[::-1] if row[0] <= budget_s] or curve
+    if not known:
+        return None
+    (seconds, error, settings), took = known[0], time.perf_counter() - start
+    tolerance = None if budget_s else options.accepted_error
+    suns = round(costs.expected_suns(settings.sun_tolerance))
+    return Plan(settings, error, seconds, suns, tolerance, budget_s, 0, 0, [], curve, took)
+
+
 def planned(
     scene: PlannedScene,
     environment: Environment,
@@ -63,7 +101,11 @@ def planned(
     budget_s, effects = options.budget_s, options.fixed_effects
     tolerance = DEFAULT_TOLERANCE if options.tolerance is None else options.tolerance
     wish = tolerance if budget_s is None else BUDGET_TOLERANCE
-    directions = 2 ** math.ceil(math.log2(min(max(SAMPLE_DIRECTIONS / wish, FEWEST), MOST)))
+    wanted = SAMPLE_DIRECTIONS / wish
+    if budget_s is not None:  # half of the directions of a vertex take rays, twice as long as those of the work
+        each_s = SAMPLE_VERTICES * ray_seconds(scene.occluder, np.arange(len(scene.occluder.origins)), 1)[0]
+        wanted = min(wanted, SAMPLE_PART * budget_s / each_s)
+    directions = 2 ** math.ceil(math.log2(min(max(wanted, FEWEST), MOST)))
     sample = Sample(scene.occluder, scene.sizes, SAMPLE_VERTICES, directions, scene.traced, scene.cache)
     albedo, foliage = scene.albedo, scene.foliage
     if albedo is None and effects is not None and BOUNCES in effects:
@@ -77,15 +119,13 @@ def planned(
         leaves = leaves_for(error, measured.leafy, wish, effects, direction_s, len(foliage.rows))
     if leaves is None or not leaves.directions:
         measured = EffectErrors(sample, environment, albedo, bouncing)
-    if budget_s is not None:  # what planning took is part of it; of one that is used up the least number is left
-        left_s = budget_s - (time.perf_counter() - start)
-        options = replace(options, budget_s=max(left_s, sys.float_info.min))
-    choice = Choice(measured, environment, options, tolerance, angles, leaves, there)
+    until = None if budget_s is None else start + budget_s  # what planning takes is part of it
+    choice = Choice(measured, environment, options, tolerance, angles, leaves, there, until)
     best = choice.best()
     return Plan(
         settings=best.settings,
         error=best.error,
-        seconds=best.seconds - choice.found_s(best.settings),
+        seconds=best.seconds,
         sun_count=choice.sun_count(best.settings),
         tolerance=None if budget_s else tolerance,
         budget_s=budget_s,

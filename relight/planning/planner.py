@@ -11,7 +11,7 @@ from ..options import DEFAULT_TOLERANCE, LightingOptions
 from ..transfer.split_light import image_key
 from ..transfer.store import array_key
 from .bounce_check import MOST_ROUNDS, bounce_errors, more_rays
-from .decide import PlannedScene, planned
+from .decide import PlannedScene, planned, unmeasured
 from .plan import Plan
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ class Planner:
         checked by `bounced`, once it was computed.
         """
         plan, key = self.plan(environment, albedo), self._key(environment, albedo)
-        if plan.checked is None:
+        if plan.checked is None and plan.choice is not None:
             self._check(plan)
             if plan.settings.bounce_rays:
                 predicted = math.hypot(*plan.choice.of_bounces(plan.settings))
@@ -111,7 +111,8 @@ class Planner:
             transfer = self._precomputed.transfer(settings)[0]
             with self._stages.stage("check"):
                 rows = transfer[plan.rows, : settings.bands**2]
-                plan.checked = plan.choice.checked(settings, rows, self._tolerance)
+                accepted = self._tolerance if plan.budget_s is None else math.inf  # which pays for no closer look
+                plan.checked = plan.choice.checked(settings, rows, accepted)
             rest = plan.choice.but_noise(settings)
             hopeless = rest > UNMENDED * self._tolerance and plan.checked < 2.0**0.5 * rest
             if plan.checked <= self._tolerance or hopeless or plan.budget_s is not None or fixed_rays or not left:
@@ -123,7 +124,9 @@ class Planner:
         known = self._precomputed
         scene = PlannedScene(known.occluder, known.sizes, albedo, known.foliage, known.traced, known.cache)
         with self._stages.stage("plan"):
-            return planned(scene, environment, self._options, angles, known.there())
+            return unmeasured(scene, self._options, angles) or planned(
+                scene, environment, self._options, angles, known.there()
+            )
 
     def _kept(self, key: str) -> Plan | None:
         kept = self._precomputed.cache.get("plan", key)

@@ -26,7 +26,7 @@ vertices, 3% of error if it is deep, escapes 4096 of them once in sixty times.""
 
 LEAST_PER_CHUNK = 16
 
-TIMED_BATCHES, STRETCHES, STRETCH_VERTICES, TIMED_RAYS = 5, 16, 256, 16
+TIMED_BATCHES, STRETCHES, STRETCH_VERTICES, TIMED_RAYS = 5, 16, 256, 4
 """How the time of a ray is measured: batches of vertices that lie side by side, as in the work, where rays find in the
 caches what earlier rays left there. Of vertices far apart they take longer, the more the larger the mesh. The median
 counts: the first batch wakes threads."""
@@ -66,7 +66,8 @@ class Sample:
             self.rows, self.chunk, self.weights, orders = _stratified(occluder.origins, self.sizes, size, traced)
             self.normals, self.rays = occluder.normals[self.rows], 0
             self._look(directions)
-            self.ray_s = self._timed(orders)
+            self.ray_s, shot = ray_seconds(occluder, orders)
+            self.rays += shot
             self.unsure = self._unsure(orders)
             self.hidden = self._scan()
             cache.put("sample", *key, **self._arrays())
@@ -174,20 +175,6 @@ class Sample:
         """Weighted mean over the vertices of squared values (S, ...), summed over the last axis (colours)."""
         return np.tensordot(self.weights, np.square(values, dtype=np.float64).sum(axis=-1), axes=(0, 0))
 
-    def _timed(self, order: Indices) -> float:
-        """Seconds per bare ray of the work, from stretches of the vertices in their order along the curve."""
-        begins = np.linspace(0, len(order), TIMED_BATCHES * STRETCHES, endpoint=False).astype(int)
-        azimuths, seconds = sampling.fibonacci_azimuths(TIMED_RAYS), []
-        for number in range(TIMED_BATCHES):
-            stretches = [order[begin : begin + STRETCH_VERTICES] for begin in begins[number::TIMED_BATCHES]]
-            rows = np.concatenate(stretches)
-            shot = np.zeros((len(rows), TIMED_RAYS, 6), np.float32)
-            sampling.shoot(self.occluder.origins[rows], self.occluder.normals[rows], azimuths, 1, shot)
-            start = time.perf_counter()
-            self.rays += self.occluder.occluded(shot).size
-            seconds.append((time.perf_counter() - start) / max(1, shot.shape[0] * TIMED_RAYS))
-        return float(np.median(seconds))
-
     def _unsure(self, order: Indices) -> float:
         """The share of the rays that `consensus` traces, by blocks along the curve."""
         azimuths = sampling.fibonacci_azimuths(consensus.LEAST_RAYS)
@@ -211,6 +198,20 @@ class Sample:
         product = hidden[:, 0::2].mean(axis=1) * hidden[:, 1::2].mean(axis=1)
         counts = np.bincount(chunk, minlength=len(self.sizes))
         return np.sqrt(np.bincount(chunk, product, len(counts)) / np.maximum(counts, 1))
+
+
+def ray_seconds(occluder: Occluder, order: Indices, batches: int = TIMED_BATCHES) -> tuple[float, int]:
+    """Seconds per bare ray of the work, from stretches of the vertices in an order along a curve; and rays shot."""
+    begins = np.linspace(0, len(order), batches * STRETCHES, endpoint=False).astype(int)
+    azimuths, seconds, rays = sampling.fibonacci_azimuths(TIMED_RAYS), [], 0
+    for number in range(batches):
+        rows = np.concatenate([order[begin : begin + STRETCH_VERTICES] for begin in begins[number::batches]])
+        shot = np.zeros((len(rows), TIMED_RAYS, 6), np.float32)
+        sampling.shoot(occluder.origins[rows], occluder.normals[rows], azimuths, 1, shot)
+        start = time.perf_counter()
+        rays += occluder.occluded(shot).size
+        seconds.append((time.perf_counter() - start) / max(1, len(rows) * TIMED_RAYS))
+    return float(np.median(seconds)), rays
 
 
 def _stratified(

@@ -5,6 +5,7 @@ sog/0_00003/meta.json    level 0, all splats of tile 3, beside its images; level
 sog/env/meta.json        the background outside all tiles: sky and far distance
 """
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -34,7 +35,7 @@ def tile_levels(splats: Splats, tile: int) -> tuple[dict[str, bytes], list[dict[
     files: dict[str, bytes] = {}
     for level in range(LOD_LEVELS):
         if level:
-            leaves = [merged(leaf) for leaf in leaves]
+            leaves = [merged(replace(leaf, sh=leaf.sh[:, :1])) for leaf in leaves]
         name, offset = f"{level}_{tile:05d}", 0
         for leaf, node in zip(leaves, nodes, strict=True):
             node["lods"][str(level)] = {"file": f"{name}/meta.json", "offset": offset, "count": len(leaf)}
