@@ -18,6 +18,7 @@ from . import posterior
 from .captured import HEIGHT, WIDTH, CapturedScene, CaptureEvidence, Estimate
 from .division import Prior, albedo_of
 from .natural import AXES, NaturalLight, log_harmonics, natural_light
+from .refined import refined
 from .said import Said
 from .skylight import exposure_of, visible_part
 
@@ -52,6 +53,7 @@ def estimate(
     said = given.said
     lights = posterior.lights_of(scene.evidence, _prior(said), said.sun, said.sun is None and said.sky in SUNLESS)
     spread = posterior.spread(scene.evidence, lights)
+    lights = refined(scene.evidence, lights)
     decided = lights[0].decided if scene.sky is None else visible_part(scene.sky)
     if scene.sky is None and decided < MIN_EVIDENCE and said.sun is None and said.sky is None:
         return scene.as_captured("its surfaces face too few directions to separate light from colour", decided)

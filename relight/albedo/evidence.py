@@ -121,6 +121,13 @@ class Evidence:
             "distant pairs": _Pairs(distant, alike, fitted.distant_difference, fitted.distant, of_slope),
         }
 
+    def sky_shares(self) -> NDArray[np.float64]:
+        """(K, 2) shares of directions in a captured sky: clipped, and seen unclipped; (K, 0) without one."""
+        if self.sky is None:
+            return np.zeros((len(self.places.directions), 0))
+        parts = np.stack([part.mean(axis=1) for part in (self.sky.clipped, self.sky.seen)], axis=1)
+        return np.asarray(np.clip(3.0 * parts / upper_sky(self.places.directions), 0.0, 1.0))
+
     def direct(self, log_light: NDArray[np.float64]) -> NDArray[np.float64]:
         """(N, 3) direct light at places under log radiance (K, 3)."""
         return np.asarray(self.places.sky @ _radiance(log_light), np.float64)

@@ -15,7 +15,7 @@ from splat2mesh.base.arrays import Directions, Floats, Mask, Vector
 from splat2mesh.scene.color import luminance
 
 from ..sh import harmonics
-from .evidence import LUMA, Cue, Evidence, upper_sky
+from .evidence import LUMA, Cue, Evidence
 from .fitted import FITTED
 from .natural import AXES, NaturalLight, log_radiance
 
@@ -77,12 +77,26 @@ class SunLobe(NamedTuple):
         return _lobe(directions, self.direction)[:, None] * self.log_height
 
 
+class Change(NamedTuple):
+    """What refines a light. log_factor: (K,) that it adds to the log radiance around directions (K, 3)."""
+
+    directions: Directions
+    log_factor: NDArray[np.float64]
+
+    def at(self, directions: Directions) -> NDArray[np.float64]:
+        """(D, 1) log factor at directions (D, 3), blended over the four nearest."""
+        away, near = scipy.spatial.cKDTree(self.directions).query(directions, 4)
+        weights = np.exp(-len(self.directions) * (away / 2.0) ** 2)
+        return np.asarray((self.log_factor[near] * weights).sum(axis=1, keepdims=True) / weights.sum(axis=1)[:, None])
+
+
 class PosteriorLight(NamedTuple):
     """A light that may have lit the capture.
 
-    coefficients: (K, 3) harmonics of its log radiance, beside the regions of the sky and the sun, a SunLobe or None.
-    nats: of its cues and prior. share: of the posterior. decided: in [0, 1], how far the capture, not the prior, says
-    which way it comes from. variances: (N,) of the log luminance that places receive.
+    coefficients: (K, 3) harmonics of its log radiance, beside the regions of the sky, the sun, a SunLobe or None, and
+    the Change that refines it, or None. nats: of its cues and prior. share: of the posterior. decided: in [0, 1], how
+    far the capture, not the prior, says which way it comes from. variances: (N,) of the log luminance that places
+    receive.
     """
 
     coefficients: NDArray[np.float64]
@@ -92,11 +106,12 @@ class PosteriorLight(NamedTuple):
     share: float
     decided: float
     variances: NDArray[np.float64]
+    change: Change | None = None
 
     def radiance(self, directions: Directions) -> NDArray[np.float64]:
         """(D, 3) at directions (D, 3)."""
         logs = log_radiance(self.coefficients, directions)
-        for part in (*self.regions, *(() if self.sun is None else (self.sun,))):
+        for part in (*self.regions, *(part for part in (self.sun, self.change) if part is not None)):
             logs = logs + part.at(directions)
         return np.asarray(np.exp(np.clip(logs, -30.0, 30.0)))
 
@@ -117,7 +132,7 @@ def lights_of(
     sunless: bool = False,  # whether the sky is known to hide it
 ) -> list[PosteriorLight]:
     """The lights that may have lit a capture, the likeliest first; shares sum to 1."""
-    directions, shares = evidence.places.directions, _regions(evidence)
+    directions, shares = evidence.places.directions, evidence.sky_shares()
     basis = np.column_stack([harmonics.evaluate(directions, prior.bands), shares])
     start = np.vstack([prior.mean, np.zeros((shares.shape[1], 3))])
     start[0] += _level(evidence, basis @ start)
@@ -161,14 +176,6 @@ def spread(evidence: Evidence, lights: list[PosteriorLight]) -> float:
 def doubt_db(spread: float) -> float:
     """What a wrong light costs a result of CEILING_DB at most in four of five captures of this spread, in dB."""
     return 10.0 * math.log10(1.0 + (FITTED.doubt * spread) ** 2 / 10.0 ** (-CEILING_DB / 10.0))
-
-
-def _regions(evidence: Evidence) -> NDArray[np.float64]:
-    """(K, R) shares of directions in the regions of a captured sky: clipped, and seen unclipped; R = 0 without one."""
-    if evidence.sky is None:
-        return np.zeros((len(evidence.places.directions), 0))
-    parts = np.stack([part.mean(axis=1) for part in (evidence.sky.clipped, evidence.sky.seen)], axis=1)
-    return np.asarray(np.clip(3.0 * parts / upper_sky(evidence.places.directions), 0.0, 1.0))
 
 
 def _level(evidence: Evidence, log_light: NDArray[np.float64]) -> float:
@@ -265,7 +272,7 @@ def _open_to_suns(evidence: Evidence, directions: Directions, light: NDArray[np.
     """(K,) bool: above the horizon, around the brightest of these, and where no sky was seen without a sun."""
     free = directions[:, 1] > 0.0
     if evidence.sky is not None:
-        free &= _regions(evidence)[:, 1] < MOSTLY
+        free &= evidence.sky_shares()[:, 1] < MOSTLY
     if not free.any():
         return free
     brightest = directions[np.argmax(np.where(free, light, 0.0))]
@@ -295,7 +302,7 @@ def _described(evidence: Evidence, basis: Floats, lobe: SunLobe | None, best: _O
     change = evidence.received(basis @ best.parameters, basis).of_luminance()
     change = change - change.mean(axis=0)
     variances = np.einsum("nm,mn->n", change, np.linalg.solve(best.curvature, change.T))
-    shares = _regions(evidence)
+    shares = evidence.sky_shares()
     smooth = best.parameters[: len(best.parameters) - (lobe is not None)].copy()
     smooth[0] += evidence.lacking(basis @ best.parameters) * np.sqrt(4.0 * np.pi)
     bands = len(smooth) - shares.shape[1]

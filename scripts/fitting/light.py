@@ -13,6 +13,7 @@ import numpy as np
 
 from relight.albedo import fitted, natural, posterior
 from relight.albedo.evidence import Evidence, LitPlaces, SeenSky
+from relight.albedo.refined import refined
 from relight.sh import harmonics
 from splat2mesh.base.sphere import row_solid_angles
 from splat2mesh.scene.color import luminance, srgb_from_linear
@@ -61,12 +62,13 @@ SURE = 0.8
 """Part of the captures whose loss lies within the doubt that is told."""
 
 
-def estimated(capture, numbers):
+def estimated(capture, numbers, unrefined=False):
     """The image (64, 128, 3) of the estimated light, and the spread of its posterior."""
     evidence = evidence_of(capture, numbers)
     lights = posterior.lights_of(evidence, natural.natural_light())
-    image = posterior.mean_radiance(lights, DIRECTIONS).reshape(64, 128, 3)
-    return image, posterior.spread(evidence, lights)
+    spread = posterior.spread(evidence, lights)
+    lights = lights if unrefined else refined(evidence, lights)
+    return posterior.mean_radiance(lights, DIRECTIONS).reshape(64, 128, 3), spread
 
 
 def losses(capture, image):
