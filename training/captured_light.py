@@ -45,7 +45,7 @@ one way or is bright, and of the harmonics of the light that the network begins 
 OFTEN, SKYLESS = 0.75, 0.4
 """Shares of captures: in other paints, and without their sky."""
 
-JUDGE_EVERY = 120.0
+JUDGE_EVERY = 60.0
 """Seconds between scores on the choose part; the best average is kept."""
 
 TRUST = 0.0, 0.25, 0.5, 0.75, 1.0
@@ -61,21 +61,27 @@ def train(options):
     options: corpus (folder of captures, made where missing), lights (folder of light maps), minutes, seed, out,
     say(line).
     """
+    log = []
+
+    def say(line):
+        log.append(line)
+        options.say(line)
+
     torch.manual_seed(options.seed)
     rng = np.random.default_rng(options.seed)
     maps = captures.light_maps(options.lights)
     scenes = []
-    for path in captures.make_lit(options.corpus, maps, options.say):
+    for path in captures.make_lit(options.corpus, maps, say):
         scene = captures.LitScene.load(path)
         scenes.append([_begun(scene, *each, rng) for each in _captured(scene, rng)])
     judged = captures.load(options.corpus, "choose")
-    options.say(f"{len(scenes)} scenes, {sum(map(len, scenes))} captures; {len(judged)} to choose by")
+    say(f"{len(scenes)} scenes, {sum(map(len, scenes))} captures; {len(judged)} to choose by")
     judged = [_judged(each) for each in judged]
-    network = _fit(scenes, judged, 60.0 * options.minutes, rng, options.say)
+    network = _fit(scenes, judged, 60.0 * options.minutes, rng, say)
     losses = {trust: np.mean([_loss(network, trust, *each) for each in judged]) for trust in TRUST}
-    options.say(f"choose part by the part of the change that is taken: {losses}")
+    say(f"choose part by the part of the change that is taken: {losses}")
     file = Path(options.out) / f"{refined.MODEL}.onnx"
-    file.write_bytes(exported(network, min(losses, key=losses.get), scenes[0][0].inputs))
+    file.write_bytes(exported(network, min(losses, key=losses.get), scenes[0][0].inputs, log))
     return [f"{file}: {file.stat().st_size:,} bytes"]
 
 

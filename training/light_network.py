@@ -116,9 +116,9 @@ class _Change(nn.Module):
         return self.trust * (self.network(one | shared)[-1][0] - light)
 
 
-def exported(network, trust, example):
+def exported(network, trust, example, log=()):
     """The bytes of the ONNX file; trust: part of the network's change that is taken. example: a `refined.Inputs`, of
-    any number of places and directions."""
+    any number of places and directions. log: lines about the training, kept as metadata."""
     from io import BytesIO
 
     names = example._fields
@@ -136,8 +136,10 @@ def exported(network, trust, example):
         opset_version=OPSET,
         dynamo=False,
     )
-    onnx.checker.check_model(onnx.load_from_string(file.getvalue()))
-    return file.getvalue()
+    model = onnx.load_from_string(file.getvalue())
+    model.metadata_props.add(key="log", value="\n".join(log))
+    onnx.checker.check_model(model)
+    return model.SerializeToString()
 
 
 def lost(light, given):

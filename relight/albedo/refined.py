@@ -101,7 +101,7 @@ def _by_network(inputs: Inputs) -> NDArray[np.float32]:
 
 @lru_cache(maxsize=1)
 def _session() -> "InferenceSession":
-    return open_session(MODEL, 1)
+    return open_session(MODEL, 1, accelerated=False)
 
 
 @lru_cache(maxsize=1)

@@ -26,16 +26,14 @@ FATAL = 4
 def open_session(
     model_name: str,  # such as "neural-gash"
     threads: int,  # that it may use
+    accelerated: bool = True,  # whether it may run elsewhere than on the processor
 ) -> "InferenceSession":
     """An onnxruntime InferenceSession of a model of this package.
 
     Its threads wait asleep: by default they spin, and take the cores from whatever else computes.
     Raises InputError without onnxruntime, and for a model that is not there or cannot be read.
     """
-    try:
-        onnxruntime = needed("onnxruntime", f"the method {model_name}")
-    except InputError as error:
-        raise InputError(f"{error}; or choose the method raytraced") from None
+    onnxruntime = needed("onnxruntime", f"the network {model_name}")
     model = resources.files("relight") / "models" / f"{model_name}.onnx"
     if not model.is_file():
         raise InputError(f"expected the network {model.name} in relight/models, found none: reinstall the package")
@@ -43,7 +41,7 @@ def open_session(
     options.intra_op_num_threads, options.inter_op_num_threads = threads, 1
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")
     options.log_severity_level = FATAL
-    there = onnxruntime.get_available_providers()
+    there = onnxruntime.get_available_providers() if accelerated else ["CPUExecutionProvider"]
     providers = [provider for provider in PROVIDERS if provider[0] in there]
     options.enable_mem_pattern = "DmlExecutionProvider" not in there  # which refuses sessions that have it
     try:

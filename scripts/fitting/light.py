@@ -173,7 +173,7 @@ def fit(folder, lights, rounds=2, say=print):
     usual = usual_colors(parts["fit"], trained.load(folder), say) | usual_lights(own, say)
     numbers = search(parts["fit"], fitted.FITTED._replace(**usual), rounds, say)
     rows = {part: score(captures, numbers) for part, captures in parts.items() if captures}
-    numbers = numbers._replace(doubt=float(np.quantile(_errors(rows["fit"][:, 0]) / rows["fit"][:, 2], SURE)))
+    numbers = numbers._replace(doubt=float(np.quantile(_errors(rows["choose"][:, 0]) / rows["choose"][:, 2], SURE)))
     held = {}
     for part, each in rows.items():
         held[part] = {"captures": len(each), "loss_db": round(float(each[:, 0].mean()), 2)}
