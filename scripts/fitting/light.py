@@ -7,6 +7,7 @@ one gain for each colour, and a fifth of the loss without any gain. The choose a
 import json
 from collections import defaultdict
 from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from multiprocessing import get_context
 
 import numpy as np
@@ -88,15 +89,15 @@ def losses(capture, image):
     return tuple(lost)
 
 
-def _scored(capture, numbers):
-    image, spread = estimated(capture, numbers)
+def _scored(capture, numbers, unrefined):
+    image, spread = estimated(capture, numbers, unrefined)
     return (*losses(capture, image), spread)
 
 
-def score(captures, numbers):
-    """(C, 3) for each capture: the losses and the spread."""
+def score(captures, numbers, unrefined=False):
+    """(C, 3) for each capture: the losses and the spread. unrefined: without the network."""
     with ProcessPoolExecutor(mp_context=get_context("fork")) as pool:
-        return np.array(list(pool.map(_scored, captures, [numbers] * len(captures))))
+        return np.array(list(pool.map(partial(_scored, numbers=numbers, unrefined=unrefined), captures)))
 
 
 def _errors(losses):
@@ -173,7 +174,8 @@ def fit(folder, lights, rounds=2, say=print):
     usual = usual_colors(parts["fit"], trained.load(folder), say) | usual_lights(own, say)
     numbers = search(parts["fit"], fitted.FITTED._replace(**usual), rounds, say)
     rows = {part: score(captures, numbers) for part, captures in parts.items() if captures}
-    numbers = numbers._replace(doubt=float(np.quantile(_errors(rows["choose"][:, 0]) / rows["choose"][:, 2], SURE)))
+    alone = score(parts["fit"], numbers, unrefined=True)  # the network knows the kinds of the fit part
+    numbers = numbers._replace(doubt=float(np.quantile(_errors(alone[:, 0]) / alone[:, 2], SURE)))
     held = {}
     for part, each in rows.items():
         held[part] = {"captures": len(each), "loss_db": round(float(each[:, 0].mean()), 2)}
