@@ -13,6 +13,7 @@ OUTSIDE = {
     "CONTRIBUTING.md": "CONTRIBUTING.md",
     "CHANGELOG.md": "CHANGELOG.md",
     "relight/models/neural-gash.md": "models/neural-gash.md",
+    "relight/models/captured-light.md": "models/captured-light.md",
     **{
         path.relative_to(ROOT).as_posix(): path.relative_to(ROOT).as_posix()
         for path in ROOT.glob("integrations/**/README.md")
