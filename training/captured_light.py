@@ -78,8 +78,9 @@ def train(options):
     say(f"{len(scenes)} scenes, {sum(map(len, scenes))} captures; {len(judged)} to choose by")
     judged = [_judged(each) for each in judged]
     network = _fit(scenes, judged, 60.0 * options.minutes, rng, say)
-    losses = {trust: np.mean([_loss(network, trust, *each) for each in judged]) for trust in TRUST}
-    say(f"choose part by the part of the change that is taken: {losses}")
+    losses = {trust: float(np.mean([_loss(network, trust, *each) for each in judged])) for trust in TRUST}
+    told = ", ".join(f"{trust:g}: {loss:.2f}" for trust, loss in losses.items())
+    say(f"choose part by the part of the change that is taken: {told}")
     file = Path(options.out) / f"{refined.MODEL}.onnx"
     file.write_bytes(exported(network, min(losses, key=losses.get), scenes[0][0].inputs, log))
     return [f"{file}: {file.stat().st_size:,} bytes"]
