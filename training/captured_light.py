@@ -18,7 +18,7 @@ from fitting import captures, light
 from relight.albedo import fitted, natural, posterior, refined
 from relight.albedo.captured import DARK, SATURATED
 from relight.albedo.evidence import Evidence
-from relight.albedo.refined import Inputs, inputs_of
+from relight.albedo.refined import NetworkInputs, inputs_of
 from relight.albedo.samples import SAMPLES
 from relight.sh import harmonics
 from splat2mesh.base.sphere import fibonacci_sphere
@@ -88,7 +88,7 @@ def train(options):
 class Example(NamedTuple):
     """A capture to learn from. inputs: of all its places. received: (N,) true luminance that they receive."""
 
-    inputs: Inputs
+    inputs: NetworkInputs
     received: np.ndarray
 
 
@@ -164,7 +164,7 @@ def _loss(network, trust, capture, evidence, image):
             given = _tensors([inputs])
             return trust * (network(given)[-1] - given["light"])[0].numpy()
 
-    found = posterior.Change(directions, refined.change_of(evidence, captures.around(image, directions), change))
+    found = posterior.Refinement(directions, refined.change_of(evidence, captures.around(image, directions), change))
     return light.losses(capture, image * np.exp(found.at(captures.DIRECTIONS)).reshape(64, 128, 1))[0]
 
 
@@ -180,13 +180,13 @@ def _batch(examples, rng):
 
 
 def _taken(inputs, rows):
-    """Some of the places of Inputs."""
+    """Some of the places of NetworkInputs."""
     of_places = ("sky", "captured", "bounced", "upward")
     return inputs._replace(**{name: getattr(inputs, name)[rows] for name in of_places})
 
 
 def _varied(inputs, received, rng):
-    """Inputs in other paints; the light from other surfaces is kept but for noise."""
+    """NetworkInputs in other paints; the light from other surfaces is kept but for noise."""
     count, up = len(received), inputs.upward
     log = np.log(np.maximum(inputs.captured, 1e-4)) + rng.uniform(0.0, NOISE) * rng.standard_normal(count)
     if rng.random() < OFTEN:
@@ -209,7 +209,7 @@ def _varied(inputs, received, rng):
 
 
 def _tensors(captured):
-    """Inputs of several captures with equally many places, as a dict of tensors."""
+    """NetworkInputs of several captures with equally many places, as a dict of tensors."""
     own = ("sky", "captured", "bounced", "upward", "light", "seen")
     given = {name: torch.from_numpy(np.stack([getattr(each, name) for each in captured])) for name in own}
     given |= {name: torch.from_numpy(getattr(captured[0], name)) for name in ("pool", "height", "basis", "spread")}

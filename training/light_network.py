@@ -23,8 +23,8 @@ OPSET = 17
 
 
 class Refiner(nn.Module):
-    """Log light (B, K) after each round, of a dict of tensors: `refined.Inputs`, with a batch in front of what belongs
-    to a capture."""
+    """Log light (B, K) after each round, of a dict of tensors: `refined.NetworkInputs`, with a batch in front of what
+    belongs to a capture."""
 
     def __init__(self):
         super().__init__()
@@ -102,7 +102,7 @@ class Refiner(nn.Module):
         return (weights @ value).transpose(1, 2).flatten(2)
 
 
-class _Change(nn.Module):
+class _Refinement(nn.Module):
     """The change of log light (K,) of one capture, or a part of it."""
 
     def __init__(self, network, trust):
@@ -117,8 +117,11 @@ class _Change(nn.Module):
 
 
 def exported(network, trust, example, log=()):
-    """The bytes of the ONNX file; trust: part of the network's change that is taken. example: a `refined.Inputs`, of
-    any number of places and directions. log: lines about the training, kept as metadata."""
+    """The bytes of the ONNX file.
+
+    trust: part of the network's change that is taken. example: a `refined.NetworkInputs` of any number of places and
+    directions. log: lines about the training, kept as metadata.
+    """
     from io import BytesIO
 
     names = example._fields
@@ -127,7 +130,7 @@ def exported(network, trust, example, log=()):
     axes["sky"][1], axes["spread"] = "directions", {1: "directions"}
     file = BytesIO()
     torch.onnx.export(
-        _Change(network, trust).eval(),
+        _Refinement(network, trust).eval(),
         tuple(torch.from_numpy(np.asarray(each)) for each in example),
         file,
         input_names=list(names),

@@ -77,7 +77,7 @@ class SunLobe(NamedTuple):
         return _lobe(directions, self.direction)[:, None] * self.log_height
 
 
-class Change(NamedTuple):
+class Refinement(NamedTuple):
     """What refines a light. log_factor: (K,) that it adds to the log radiance around directions (K, 3)."""
 
     directions: Directions
@@ -94,9 +94,8 @@ class PosteriorLight(NamedTuple):
     """A light that may have lit the capture.
 
     coefficients: (K, 3) harmonics of its log radiance, beside the regions of the sky, the sun, a SunLobe or None, and
-    the Change that refines it, or None. nats: of its cues and prior. share: of the posterior. decided: in [0, 1], how
-    far the capture, not the prior, says which way it comes from. variances: (N,) of the log luminance that places
-    receive.
+    its Refinement, or None. nats: of its cues and prior. share: of the posterior. decided: in [0, 1], how far the
+    capture, not the prior, says which way it comes from. variances: (N,) of the log luminance that places receive.
     """
 
     coefficients: NDArray[np.float64]
@@ -106,7 +105,7 @@ class PosteriorLight(NamedTuple):
     share: float
     decided: float
     variances: NDArray[np.float64]
-    change: Change | None = None
+    change: Refinement | None = None
 
     def radiance(self, directions: Directions) -> NDArray[np.float64]:
         """(D, 3) at directions (D, 3)."""

@@ -20,7 +20,7 @@ from splat2mesh.scene.color import luminance
 from ..sh import harmonics
 from ..transfer.sessions import open_session
 from .evidence import LEAST, Evidence
-from .posterior import Change, PosteriorLight, mean_radiance
+from .posterior import PosteriorLight, Refinement, mean_radiance
 
 if TYPE_CHECKING:
     from onnxruntime import InferenceSession
@@ -37,7 +37,7 @@ DARKEST, LEAST_SEEN = 1e-4, 0.05
 """Radiance of a captured sky whose logarithm counts, and part of a direction that must have been seen."""
 
 
-class Inputs(NamedTuple):
+class NetworkInputs(NamedTuple):
     """What the network is given, float32; luminance in parts of the median captured one.
 
     sky: (N, K) of LitPlaces. captured, bounced: (N,). upward: (N,) of the normals. light: (K,) log luminance. seen:
@@ -58,8 +58,8 @@ class Inputs(NamedTuple):
     spread: NDArray[np.float32]
 
 
-def inputs_of(evidence: Evidence, radiance: Floats, rows: NDArray[np.int64]) -> Inputs:
-    """The Inputs of some of the places under radiance (K, 3)."""
+def inputs_of(evidence: Evidence, radiance: Floats, rows: NDArray[np.int64]) -> NetworkInputs:
+    """The NetworkInputs of some of the places under radiance (K, 3)."""
     places = evidence.places
     captured, bounced = luminance(places.captured), luminance(places.bounced)
     unit = float(np.median(captured))
@@ -71,18 +71,18 @@ def inputs_of(evidence: Evidence, radiance: Floats, rows: NDArray[np.int64]) -> 
     light = np.log(np.maximum(luminance(radiance), LEAST) / unit)
     of_places = places.sky[rows], captured[rows] / unit, bounced[rows] / unit, places.normals[rows, 1]
     arrays = (*of_places, light, seen, *_cells(places.directions.tobytes()))
-    return Inputs(*(np.ascontiguousarray(each, np.float32) for each in arrays))
+    return NetworkInputs(*(np.ascontiguousarray(each, np.float32) for each in arrays))
 
 
 def refined(evidence: Evidence, lights: list[PosteriorLight]) -> list[PosteriorLight]:
     """The lights of a posterior, each changed as the network changes their mean."""
     directions = evidence.places.directions
     change = change_of(evidence, mean_radiance(lights, directions), _by_network)
-    return [light._replace(change=Change(directions, change)) for light in lights]
+    return [light._replace(change=Refinement(directions, change)) for light in lights]
 
 
 def change_of(
-    evidence: Evidence, radiance: Floats, network: Callable[[Inputs], NDArray[np.float32]]
+    evidence: Evidence, radiance: Floats, network: Callable[[NetworkInputs], NDArray[np.float32]]
 ) -> NDArray[np.float64]:
     """(K,) to add to the log of radiance (K, 3) at the directions of the places."""
     places = evidence.places
@@ -94,7 +94,7 @@ def change_of(
     return np.asarray(change - np.median(after - before), np.float64)
 
 
-def _by_network(inputs: Inputs) -> NDArray[np.float32]:
+def _by_network(inputs: NetworkInputs) -> NDArray[np.float32]:
     (change,) = _session().run(None, inputs._asdict())
     return np.asarray(change)
 
@@ -106,7 +106,7 @@ def _session() -> "InferenceSession":
 
 @lru_cache(maxsize=1)
 def _cells(directions: bytes) -> tuple[Floats, Floats, Floats, Floats]:
-    """pool, height, basis and spread of Inputs for directions, the bytes of (K, 3) float64."""
+    """pool, height, basis and spread of NetworkInputs for directions, the bytes of (K, 3) float64."""
     toward, middles = np.frombuffer(directions).reshape(-1, 3), fibonacci_sphere(CELLS)
     tree = scipy.spatial.cKDTree(middles)
     pool = np.eye(CELLS)[tree.query(toward)[1]]

@@ -4,6 +4,7 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -36,7 +37,10 @@ it; and the range that they keep to."""
 UNMEASURED_VERTICES = 5000
 """Of a scene, up to which everything costs less than a sample and what it would choose (`scripts/bench unmeasured`)."""
 
-UNMEASURED = (0.016, {}), (0.0095, {"bands": 10, "rays": 256, "sun_tolerance": SUN_TOLERANCES[1], "bounce_rays": 128})
+UNMEASURED: tuple[tuple[float, dict[str, Any]], ...] = (
+    (0.016, {}),
+    (0.0095, {"bands": 10, "rays": 256, "sun_tolerance": SUN_TOLERANCES[1], "bounce_rays": 128}),
+)
 """Settings beyond those without a plan that are taken there, quickest first, and before them their largest error under
 six lights on seven generated shapes (the same script)."""
 

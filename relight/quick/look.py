@@ -28,6 +28,7 @@ from ..albedo import natural, posterior
 from ..albedo.captured import LEAST_OPEN
 from ..albedo.evidence import Evidence
 from ..albedo.fitted import FITTED
+from ..albedo.refined import refined
 from ..albedo.said import Said
 from ..albedo.samples import MIN_VISIBLE, SAMPLES
 from ..albedo.skylight import LEAST_VISIBLE, exposure_of, seen_sky, visible_part
@@ -127,7 +128,7 @@ def _captured_light(
         return np.asarray(factor * radiance)
     kind = said.sky if isinstance(said.sky, str) else None
     lights = posterior.lights_of(evidence, natural.natural_light(kind), said.sun)
-    return posterior.mean_radiance(lights, surface.directions)
+    return posterior.mean_radiance(refined(evidence, lights), surface.directions)
 
 
 def _taken(surface: CoarseSurface, rows: NDArray[np.int64]) -> CoarseSurface:

@@ -27,7 +27,7 @@ def training(monkeypatch):
 
 
 def given(rng, places, directions):
-    """The Inputs and true light of places in the open, with a light from one side, and none known at the start."""
+    """The NetworkInputs and true light of places in the open, lit from one side that the start does not know."""
     toward, normals = fibonacci_sphere(directions), rng.standard_normal((places, 3))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     sky = np.maximum(normals @ toward.T, 0.0) * 4.0 / directions
@@ -45,7 +45,7 @@ def given(rng, places, directions):
         np.zeros((directions, 3)),
         *refined._cells(toward.tobytes()),
     )
-    inputs = refined.Inputs(*(np.ascontiguousarray(each, np.float32) for each in arrays))
+    inputs = refined.NetworkInputs(*(np.ascontiguousarray(each, np.float32) for each in arrays))
     return inputs, (received / unit).astype(np.float32)
 
 

@@ -287,7 +287,7 @@ def test_batches_and_scale_change_no_bit(torus, monkeypatch):
     vertices, normals, faces = torus
     scaled = Occluder(vertices * np.float32(2.0**15), normals, faces)
     np.testing.assert_array_equal(raytraced_scene(scaled, 3, 16), whole)
-    monkeypatch.setattr("relight.transfer.raytraced.BATCH_RAYS", 2**10)
+    monkeypatch.setattr("relight.transfer.visibility.BATCH_RAYS", 2**10)
     np.testing.assert_array_equal(raytraced_scene(Occluder(*torus), 3, 16), whole)
 
 
