@@ -1,10 +1,10 @@
 // A brush: which splats are seen at a place of the picture, and the files that keep a painted part. MIT licence.
 
-const CELL = 4; // pixels across a cell, in each of which the nearest solid splat is found
+const CELL = 2; // pixels across a cell, in each of which the nearest solid splat is found
 const SOLID = 77; // of 255, as in Python: splats that are a surface
 const CURVE = 8, NEIGHBOUR = 3; // of the rows as far away on both sides of a splat, the one that is its fourth nearest
-const NEAR = 3; // spacings of a surface that what belongs to it lies from it; its splats hide one around them
-const WIDEST = 16; // cells that a splat hides on each side at most
+const NEAR = 3; // spacings and cells of a surface that what belongs to it lies from it; its splats hide one spacing around them
+const WIDEST = 32; // cells that a splat hides on each side at most
 
 // Where splats are, (N, 3) in the scene frame, and how far apart around each, (N,): rows follow a curve through space.
 export function placed({ count, splats: { means, opacities }, meta: { frame: { scene_from_splat: frame } } }) {
@@ -44,7 +44,7 @@ export function seen({ count, places, spacing, opacities }, matrix, width, heigh
         const inside = Math.max(Math.abs(u + 0.5 - column) - 0.5, 0) ** 2 + Math.max(Math.abs(v + 0.5 - row) - 0.5, 0) ** 2 <= reach * reach;
         if (!inside || depth >= front[v * across + u]) continue;
         front[v * across + u] = depth;
-        deep[v * across + u] = NEAR * spacing[n];
+        deep[v * across + u] = NEAR * (spacing[n] + CELL * depth / focal);
       }
     }
   }

@@ -33,6 +33,7 @@ function letPaint(session) {
   for (const type of ["pointerdown", "pointermove", "pointerup", "pointercancel"]) addEventListener(type, touched, { capture: true });
   const hold = (brush) => {
     session.brush = session.brush === brush ? null : brush;
+    ring.style.display = "none";
     session.set({ view: "relit" });
   };
   element("r-new").onclick = () => session.begins();

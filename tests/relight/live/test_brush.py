@@ -94,7 +94,7 @@ def test_a_stroke_takes_what_is_seen_under_it(wall, middle):
     facing = np.einsum("nk,nk->n", places - BALL, EYE - places)
     seen = np.where(kinds == 1, facing > 0.15, (kinds == 0) & (from_ball > RIM + 25))
     fog = (kinds == 2) & (np.linalg.norm(places - BALL, axis=1) > 1.1)
-    hidden = np.where(kinds == 1, (facing < 0) & (from_ball < 0.85 * RIM), fog | ((kinds == 0) & (from_ball < RIM)))
+    hidden = np.where(kinds == 1, (facing < 0) & (from_ball < 0.8 * RIM), fog | ((kinds == 0) & (from_ball < RIM)))
     assert found[seen & (from_middle < 39.5)].mean() > 0.95
     assert not found[hidden | (from_middle > 40.5)].any()
 

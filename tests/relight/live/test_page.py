@@ -154,8 +154,8 @@ def test_a_part_is_painted_and_lit_apart(folder):
         page.wait("window.relight && relight.drawn")
         captured, relit = shown(page, view="captured"), shown(page, light=1, view="relit", exposure=1.5)
         page.run("document.getElementById('r-new').click()")
-        for name, x in (("mousePressed", 140), ("mouseMoved", 180), ("mouseReleased", 180)):
-            page.call("Input.dispatchMouseEvent", type=name, x=x, y=100, button="left", buttons=1, clickCount=1)
+        for name, x in (("mousePressed", 170), ("mouseMoved", 186), ("mouseReleased", 186)):
+            page.call("Input.dispatchMouseEvent", type=name, x=x, y=60, button="left", buttons=1, clickCount=1)
         painted = shown(page)
         page.run("document.getElementById('r-paint').click()")
         off = shown(page, parts=[{"on": on, "ev": 0, "color": "#ffffff"} for on in (True, False)])
@@ -165,7 +165,7 @@ def test_a_part_is_painted_and_lit_apart(folder):
     assert 20 < sum(rows) < 1500
     (tmp := folder / "part1.npy").write_bytes(mask)
     assert np.array_equal(np.load(tmp)[live_scene()[3].order], np.array(rows) == 1)
-    under = np.s_[90:110, 140:180]
+    under = np.s_[50:70, 168:188]
     assert (painted - relit)[under].mean(axis=(0, 1)) @ [1, -1, -1] > 0.05  # marked
     assert np.abs(off - captured)[under].mean() < np.abs(relit - captured)[under].mean() / 2
     assert np.abs(off - relit)[150:].mean() < 0.01
