@@ -86,7 +86,7 @@ def kept_live_parts(job: Job) -> list[LivePart]:
         asked, light = AskedPart((PartSpec.parse(kept.file),), "parts"), checked(kept.light) if kept.light else {}
         shares = PartShares.of(asked, scene, file, asked.of_splats(file)).splats
         assert shares is not None  # of splats
-        found.append(LivePart(name, shares, light.get("exposure_ev", 0.0), light.get("tint", WHITE)))
+        found.append(LivePart(name, shares, light.get("exposure_ev", 0.0), light.get("tint", WHITE), kept.entry))
     return found
 
 

@@ -35,6 +35,9 @@ VERSION_OF_TERMS = 2
 
 META = "live.json"
 
+ROWS_FILE = "rows.bin"
+"""The row of each splat in the source."""
+
 
 def write_bundle(folder: str | os.PathLike[str], live: "Live", exact: bool = True) -> list[str]:
     """Write the files of a Live into an existing folder; return their names. exact: whether to write splat.ply too."""
@@ -67,6 +70,7 @@ def _contents(live: "Live") -> dict[str, bytes | None]:
         "transfer.bin": live.transfer.tobytes(),
         "surface.bin": live.surfaces.packed.tobytes(),
         "basis.bin": live.basis.tobytes(),
+        ROWS_FILE: live.order.astype("<u4").tobytes(),
         "terms.bin": b"".join(term.tobytes() for term in live.terms) if live.terms else None,
         GLOSS_FILE: None if live.gloss is None else live.gloss.tobytes(),
         GROUND_FILE: None if live.ground is None else live.ground.tobytes(),

@@ -34,11 +34,11 @@ _WEB = Path(__file__).parent / "web"
 
 _LIBRARY = (
     *("primaries", "light", "piz", "splats", "shadow", "objects", "framing", "gloss", "ground", "parts", "exr"),
-    *("indicator", "live", "hand"),
+    *("indicator", "live", "hand", "brush"),
 )
 """Modules that the page joins into one, each after its imports. Their top-level names must differ."""
 
-_PAGE = "layout", "host", "recolour_shaders", "recolour", "floor", "panel", "movement", "page"
+_PAGE = "layout", "host", "recolour_shaders", "recolour", "floor", "panel", "movement", "painting", "page"
 """Scripts that stand in one block with the viewer, whose engine they use."""
 
 _LOW_PASS = (

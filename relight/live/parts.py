@@ -1,6 +1,6 @@
 """Parts of a capture that the page lights apart: those that the folder of its scene keeps."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,12 +17,13 @@ MOST_PARTS = 255
 
 class LivePart(NamedTuple):
     """A part. shares: (N,) float32 of the splats in it, with a rim. exposure_ev: stops by which its light is brighter
-    at the start. tint: of that, linear, luminance 1."""
+    at the start. tint: of that, linear, luminance 1. kept: its entry in the folder of the scene."""
 
     name: str
     shares: NDArray[np.float32]
     exposure_ev: float
     tint: Triple
+    kept: Mapping[str, Any]
 
 
 class LiveParts(NamedTuple):
@@ -42,7 +43,10 @@ class LiveParts(NamedTuple):
         for number, part in enumerate(parts, 1):
             share = np.rint(255.0 * part.shares[order]).astype(np.uint8)
             members[share > 0] = np.stack([np.full_like(share, number), share], axis=1)[share > 0]
-        entries = [{"name": each.name, "exposure": each.exposure_ev, "tint": list(each.tint)} for each in parts]
+        entries = [
+            {"name": each.name, "exposure": each.exposure_ev, "tint": list(each.tint), "kept": dict(each.kept)}
+            for each in parts
+        ]
         return cls(members, entries) if parts else None
 
     def tobytes(self) -> bytes:

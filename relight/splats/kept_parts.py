@@ -27,17 +27,19 @@ SCHEMA_VERSION = 1
 
 
 class KeptPart(NamedTuple):
-    """file: the mask of a part. light: what its own light is, by the fields of `lit_part`; none without."""
+    """file: the mask of a part. light: what its own light is, by the fields of `lit_part`; none without. entry: what
+    NAME says of it."""
 
     file: Path
     light: Mapping[str, Any]
+    entry: Mapping[str, Any]
 
 
 def kept_parts(folder: str | os.PathLike[str]) -> dict[str, KeptPart]:
     """The parts of a scene folder, by name. Raises InputError for a damaged file."""
     path = Path(folder) / NAME
     return {
-        entry["name"]: KeptPart(inside(folder, entry["file"], path), entry.get("light", {}))
+        entry["name"]: KeptPart(inside(folder, entry["file"], path), entry.get("light", {}), entry)
         for entry in _entries(folder)
     }
 

@@ -33,7 +33,7 @@ export function readBundle(meta, files, splatFile) {
   if (splats.count !== count) {
     throw new Error(`${splatFile} is not the splat of this bundle (${splats.count} rows, not ${count}): export it again`);
   }
-  return { meta, count, weights, clusters, splats, surface: files["surface.bin"], transfer: files["transfer.bin"], basis: basisOf(files["basis.bin"], meta.basis), terms: termsOf(meta.terms ?? [], files["terms.bin"]), gloss: glossOf(meta.gloss, count, files["surface.bin"], files["gloss.bin"]), objects: objectsOf(meta.objects, files), ground: groundOf(meta.ground, files[meta.ground?.file]), parts: partsOf(meta.parts, files["parts.bin"], count) };
+  return { meta, count, weights, clusters, splats, surface: files["surface.bin"], transfer: files["transfer.bin"], basis: basisOf(files["basis.bin"], meta.basis), terms: termsOf(meta.terms ?? [], files["terms.bin"]), gloss: glossOf(meta.gloss, count, files["surface.bin"], files["gloss.bin"]), objects: objectsOf(meta.objects, files), ground: groundOf(meta.ground, files[meta.ground?.file]), parts: partsOf(meta.parts, files["parts.bin"], files["rows.bin"], count) };
 }
 
 // Light beside the environment: {kind, name, color, place, mean} of each, with its runs, and a table of its bytes for each

@@ -1,7 +1,7 @@
 // The page: the bundle that it holds, the session that lights it, the viewer that shows it.
 
 async function start() {
-  const { data, query, notify } = layOut(PANEL, `<div id="relight-line"></div>`);
+  const { data, query, notify } = layOut(PANEL, `<div id="relight-line"></div><div id="relight-brush"></div>`);
   try {
     const files = readFiles(data), proxy = Live.readProxy(await files["proxy.glb"]), cameraFor = (aspect) => Live.framed(data.meta.camera, proxy.positions, aspect);
     let session = null;
@@ -42,6 +42,8 @@ class Session {
     this.strip = Live.indicator(element("r-strip"));
     this.dayStrip = Live.indicator(element("r-daystrip"));
     this.mirrored = null; // what is glossy mirrors, where it does
+    this.brush = null; // "paint" or "erase" while it is held
+    this.painted = 0; // the number of the part that it paints
     this.busy = null;
     this.written = bundle.objects && this.lightText(); // the light at the start
   }
@@ -64,6 +66,7 @@ class Session {
     });
     if (query.has("nopanel")) element("relight").style.display = "none";
     addSliders(this);
+    letPaint(this);
     letMove(this);
     listen(this);
     refreshPanel(this);
@@ -120,8 +123,38 @@ class Session {
 
   // The lights of all else and of each part, or null without parts.
   apart() {
-    const { state, bundle: { parts } } = this, tints = parts && [[1, 1, 1], ...parts.entries.map(({ tint }) => tint)];
-    return parts && state.parts.map(({ on, ev, color }, index) => ({ on, factor: (color === Live.hexOf(tints[index]) ? tints[index] : Live.tintOf(color)).map((value) => value * 2 ** ev) }));
+    const { state, bundle: { parts } } = this;
+    if (!parts?.entries.length) return null;
+    const marked = (index) => this.brush && index === this.painted ? MARK : [1, 1, 1];
+    return state.parts.map(({ on, ev }, index) => ({ on, factor: this.tintOf(index).map((value, k) => value * marked(index)[k] * 2 ** ev) }));
+  }
+
+  // The tint of a part, as live.json has it where no hand changed it. index: 0 for all else.
+  tintOf(index) {
+    const { color } = this.state.parts[index], own = index ? this.bundle.parts.entries[index - 1].tint : [1, 1, 1];
+    return color === Live.hexOf(own) ? own : Live.tintOf(color);
+  }
+
+  // Begin to paint a part.
+  begins() {
+    const same = this.written === this.lightText();
+    this.painted = Live.newPart(this.bundle.parts);
+    this.state.parts.push({ on: true, ev: 0, color: "#ffffff" });
+    if (same) this.written = this.lightText();
+    this.brush = "paint";
+    addSliders(this);
+    this.set({ view: "relit" });
+  }
+
+  // Show the splats that are in parts now.
+  regroup() {
+    this.regrouped = true;
+    this.set({});
+  }
+
+  // The painted parts as files for the folder of the scene: {name: bytes}.
+  partFiles() {
+    return Live.partFiles(this.bundle.parts, this.state.parts.slice(1).map(({ ev }, index) => ({ exposure: ev, tint: this.tintOf(index + 1) })));
   }
 
   // Whether what is in no part takes the light.
@@ -155,6 +188,8 @@ class Session {
     const exposure = light.exposure * 2 ** state.exposure, lamps = this.lamps(light) * 2 ** state.exposure, balance = Live.balanceOf(state.tint, state.green, state.bright), factors = this.factors(light, balance);
     this.asked = { view: state.view, light, turn, exposure, lamps, balance, factors, suns: this.suns(), apart: this.apart(), table: this.table(light, turn, exposure, lamps) };
     this.counted = null;
+    if (this.regrouped) stage.recolour.regroup();
+    this.regrouped = false;
     this.shown = this.onCard && !this.objects() && !this.hand() ? this.asked : this.gains;
     const whole = state.parts.every(({ on }) => on); // else reflections rest, too
     this.mirrored = bundle.gloss && whole && state.view === "relit" ? this.mirror(light, turn, exposure, lamps, factors, balance) : null;

@@ -23,6 +23,10 @@ const PANEL = `
 </details>
 <div id="r-terms" class="rows"></div>
 <div id="r-parts" class="rows"></div>
+<div id="r-painting" hidden>
+<div class="row"><button id="r-new" title="Paint what is to be lit apart">New part</button><button id="r-paint">Paint</button><button id="r-erase">Erase</button><button id="r-keepparts" title="A mask and parts.json for the folder of the scene">Save part</button></div>
+<label>Brush <input id="r-radius" type="range" min="4" max="120" step="1" value="24"><output></output></label>
+</div>
 <small id="r-objects" hidden>Objects show in the light that they were inserted in.</small>
 <small id="r-move" hidden>Drag an object to move it, with shift up and down; 7 and 8 turn it, a double click puts it back. Its shadow is then approximate.</small>
 <div class="row"><button data-view="relit">Relit</button><button data-view="albedo">Albedo</button><button data-view="captured">Captured</button></div>
@@ -39,7 +43,7 @@ const rounded = (value) => typeof value === "number" ? String(+value.toFixed(3))
 function addSliders(session) {
   const { terms, parts } = session.bundle;
   addRows(session, "terms", terms);
-  if (parts) addRows(session, "parts", [{ name: "all else" }, ...parts.entries]);
+  if (parts?.entries.length) addRows(session, "parts", [{ name: "all else" }, ...parts.entries]);
 }
 
 function addRows(session, list, entries) {
@@ -88,6 +92,10 @@ function refreshPanel(session) {
     row.querySelector("output").textContent = own ? `x ${state.captured.toFixed(2)}` : `${ev < 0 ? "\u2212" : "+"}${Math.abs(ev).toFixed(1)}`;
     row.classList.toggle("off", !on);
   });
+  element("r-painting").hidden = !session.bundle.parts?.rows || state.parts.length > 255;
+  for (const key of ["paint", "erase", "keepparts", "radius"]) element(`r-${key}`).closest("label, button").style.display = session.painted ? "" : "none";
+  for (const key of ["paint", "erase"]) element(`r-${key}`).setAttribute("aria-pressed", key === session.brush);
+  element("r-radius").nextElementSibling.textContent = element("r-radius").value;
   const captured = lights[state.light].sky === "captured"; // which cannot be turned, and whose lamps are part of it
   element("r-day").style.display = captured || session.bundle.meta.lamps !== null ? "none" : ""; // a room's light has several colours
   element("r-lamps").parentElement.style.display = captured || session.bundle.meta.lamps === null ? "none" : "";
@@ -153,6 +161,7 @@ function listen(session) {
   element("r-compare").onclick = () => session.set({ compare: !state.compare });
   element("r-sky").onclick = () => session.set({ sky: !state.sky });
   element("r-ground").onclick = () => session.set({ ground: !state.ground });
+  element("r-radius").oninput = () => refreshPanel(session);
   element("r-load").onclick = () => element("r-file").click();
   element("r-save").onclick = () => save("relit_splat.ply", session.relitPly());
   listenDay(session);

@@ -20,7 +20,7 @@ class LivePass extends RenderPass {
 }
 
 // The recolouring of a bundle's splats: light({view, light, turn, exposure, table, suns, balance, factors, apart}) brings their
-// gains into `stream`. proxy: the mesh that casts shadows.
+// gains into `stream`; regroup() takes up which splats are in parts. proxy: the mesh that casts shadows.
 function recolouring(app, resource, stream, bundle, proxy) {
   const device = app.graphicsDevice, { width, height } = stream, { weights, clusters, count, meta } = bundle;
   const near = { mipmaps: false, minFilter: FILTER_NEAREST, magFilter: FILTER_NEAREST, addressU: ADDRESS_CLAMP_TO_EDGE, addressV: ADDRESS_CLAMP_TO_EDGE };
@@ -31,7 +31,7 @@ function recolouring(app, resource, stream, bundle, proxy) {
     made.unlock();
     return made;
   };
-  const size = 2 + weights, step = 1 + weights, lamps = bundle.terms.some(({ runs }) => runs), members = bundle.parts?.members, wide = PARTS + 1 + (bundle.parts?.entries.length ?? 0);
+  const size = 2 + weights, step = 1 + weights, lamps = bundle.terms.some(({ runs }) => runs), members = bundle.parts?.members, wide = PARTS + (members ? 256 : 1);
   const textures = {
     packedTexture: resource.getTexture("packedTexture"), chunkTexture: resource.streams.textures.get("chunkTexture"),
     uLiveRows: filled("rows", bundle.transfer, size, { 4: PIXELFORMAT_R32U, 8: PIXELFORMAT_RG32U, 16: PIXELFORMAT_RGBA32U }[size]),
@@ -39,7 +39,13 @@ function recolouring(app, resource, stream, bundle, proxy) {
     uLiveParts: texture("parts", wide, 1), uLiveTable: texture("table", step, clusters), uLiveLeaves: texture("leaves", step * MOST_SUNS, clusters), uLiveImage: texture("image", 128, 64),
   };
   textures.uLiveBeside = lamps ? texture("beside", width, height, PIXELFORMAT_RGBA16U) : textures.uLiveSurface;
-  textures.uLiveMembers = members ? filled("members", new Uint8Array(Uint32Array.from({ length: count }, (_, n) => members[2 * n] | members[2 * n + 1] << 8).buffer), 4, PIXELFORMAT_R32U) : textures.uLiveSurface;
+  textures.uLiveMembers = members ? texture("members", width, height, PIXELFORMAT_R32U) : textures.uLiveSurface;
+  const regroup = () => {
+    const held = textures.uLiveMembers.lock();
+    for (let n = 0; n < count; n++) held[n] = members[2 * n] | members[2 * n + 1] << 8;
+    textures.uLiveMembers.unlock();
+  };
+  if (members) regroup();
   for (let sun = 0; sun < MOST_SUNS; sun++) textures[`uLiveSun${sun}`] = textures.uLiveImage;
   const code = (text) => text.replaceAll("WEIGHTS", weights).replaceAll("APART", PARTS);
   const quad = new QuadRender(ShaderUtils.createShader(device, {
@@ -59,6 +65,7 @@ function recolouring(app, resource, stream, bundle, proxy) {
   const leafy = leavesIn(bundle), parts = new Float32Array(4 * wide);
   let tabled = null, pictured = null, besideText = null, leaves = null;
   return {
+    regroup,
     read: () => stream.read(0, 0, width, height, { renderTarget: pass.renderTarget, immediate: true }),
     light({ view, light, turn, exposure, table, suns: shining, balance, factors, apart = null }) {
       const captured = light.sky === "captured", lit = view === "relit", set = (at, ...values) => parts.set(values, 4 * at);

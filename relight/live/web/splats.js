@@ -2,7 +2,7 @@
 
 const SH_C0 = 0.28209479177387814;
 
-// A compressed PLY: {count, means (N, 3), colors (N, 3) sRGB bytes, degree, row(n)}. Throws an Error of one line.
+// A compressed PLY: {count, means (N, 3), colors (N, 3) sRGB bytes, opacities (N) bytes, degree, row(n)}. Throws an Error of one line.
 export function readCompressed(bytes) {
   const end = find(bytes, "end_header\n"), header = new TextDecoder().decode(bytes.subarray(0, Math.max(end, 0)));
   const elements = {};
@@ -65,7 +65,7 @@ export function readCompressed(bytes) {
       rest: Array.from(harmonics.subarray(n * rest, (n + 1) * rest), (cell) => cell === 0 ? -4 : cell === 255 ? 4 : (cell + 0.5) / 32 - 4),
     };
   };
-  return { count, rest, row, get means() { return all().means; }, get colors() { return all().colors; } };
+  return { count, rest, row, get opacities() { return Uint8Array.from({ length: count }, (_, n) => packed[4 * n + 3] & 255); }, get means() { return all().means; }, get colors() { return all().colors; } };
 }
 
 // The splats in the light of `gains` (N, 4), as `live.gains` leaves them: the bytes of an INRIA PLY.

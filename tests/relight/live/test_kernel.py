@@ -250,7 +250,10 @@ def test_parts_are_lit_apart_and_blended_at_their_rim(folder, tmp_path):
     live, rng = live_scene()[3], np.random.default_rng(0)
     count = len(live.splats)
     shares = rng.choice(np.float32([0, 0, 1, 0.4]), (2, count))
-    kept = [LivePart("door", shares[0], 1.0, (1.0, 1.0, 1.0)), LivePart("lamp", shares[1], 0.0, (2.0, 0.7, 1.0))]
+    kept = [
+        LivePart("door", shares[0], 1.0, (1.0, 1.0, 1.0), {"name": "door"}),
+        LivePart("lamp", shares[1], 0.0, (2.0, 0.7, 1.0), {}),
+    ]
     order = rng.permutation(count)
     parts = LiveParts.of(kept, order)
     write_bundle(tmp_path, live._replace(parts=parts), exact=False)

@@ -148,6 +148,30 @@ def test_keys_and_dragging_turn_the_light(page):
 
 
 @in_browser
+def test_a_part_is_painted_and_lit_apart(folder):
+    """Its light is off at the end: the ball is as captured there, and all else is not."""
+    with Browser(f"file://{folder}/relit.html{NO_WINDOW}", (320, 240)) as page:
+        page.wait("window.relight && relight.drawn")
+        captured, relit = shown(page, view="captured"), shown(page, light=1, view="relit", exposure=1.5)
+        page.run("document.getElementById('r-new').click()")
+        for name, x in (("mousePressed", 170), ("mouseMoved", 186), ("mouseReleased", 186)):
+            page.call("Input.dispatchMouseEvent", type=name, x=x, y=60, button="left", buttons=1, clickCount=1)
+        painted = shown(page)
+        page.run("document.getElementById('r-paint').click()")
+        off = shown(page, parts=[{"on": on, "ev": 0, "color": "#ffffff"} for on in (True, False)])
+        rows = page.run("Array.from(relight.bundle.parts.members)")[::2]
+        mask = bytes(page.run("Array.from(relight.partFiles()['part1.npy'])"))
+        assert not page.said
+    assert 20 < sum(rows) < 1500
+    (tmp := folder / "part1.npy").write_bytes(mask)
+    assert np.array_equal(np.load(tmp)[live_scene()[3].order], np.array(rows) == 1)
+    under = np.s_[50:70, 168:188]
+    assert (painted - relit)[under].mean(axis=(0, 1)) @ [1, -1, -1] > 0.05  # marked
+    assert np.abs(off - captured)[under].mean() < np.abs(relit - captured)[under].mean() / 2
+    assert np.abs(off - relit)[150:].mean() < 0.01
+
+
+@in_browser
 @pytest.mark.parametrize(("light", "display"), [(0, "none"), (1, "grid")])
 def test_a_light_without_a_sun_has_no_sun_to_move(page, light, display):
     """Overcast has none, noon has one."""
