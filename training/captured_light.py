@@ -82,12 +82,13 @@ def train(options):
     told = ", ".join(f"{trust:g}: {loss:.2f}" for trust, loss in losses.items())
     say(f"choose part by the part of the change that is taken: {told}")
     file = Path(options.out) / f"{refined.MODEL}.onnx"
-    file.write_bytes(exported(network, min(losses, key=losses.get), scenes[0][0].inputs, log))
+    file.write_bytes(exported(network, min(losses, key=losses.get), _taken(scenes[0][0].inputs, slice(None)), log))
     return [f"{file}: {file.stat().st_size:,} bytes"]
 
 
 class Example(NamedTuple):
-    """A capture to learn from. inputs: of all its places. received: (N,) true luminance that they receive."""
+    """A capture to learn from. inputs: of all its places, `sky` as float16. received: (N,) true luminance that they
+    receive."""
 
     inputs: NetworkInputs
     received: np.ndarray
@@ -114,6 +115,7 @@ def _begun(scene, captured, bounced, image, rng):
     start = posterior.mean_radiance(posterior.lights_of(evidence, natural.natural_light()), places.directions)
     true = luminance(places.sky @ captures.around(image, places.directions).astype(np.float32) + places.bounced)
     inputs = inputs_of(evidence, start, np.arange(len(rows)))
+    inputs = inputs._replace(sky=inputs.sky.astype(np.float16))  # 5 MB; there are hundreds
     return Example(inputs, (true / np.median(luminance(places.captured))).astype(np.float32))
 
 
@@ -183,7 +185,7 @@ def _batch(examples, rng):
 def _taken(inputs, rows):
     """Some of the places of NetworkInputs."""
     of_places = ("sky", "captured", "bounced", "upward")
-    return inputs._replace(**{name: getattr(inputs, name)[rows] for name in of_places})
+    return inputs._replace(**{name: getattr(inputs, name)[rows].astype(np.float32) for name in of_places})
 
 
 def _varied(inputs, received, rng):

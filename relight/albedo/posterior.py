@@ -105,12 +105,12 @@ class PosteriorLight(NamedTuple):
     share: float
     decided: float
     variances: NDArray[np.float64]
-    change: Refinement | None = None
+    refinement: Refinement | None = None
 
     def radiance(self, directions: Directions) -> NDArray[np.float64]:
         """(D, 3) at directions (D, 3)."""
         logs = log_radiance(self.coefficients, directions)
-        for part in (*self.regions, *(part for part in (self.sun, self.change) if part is not None)):
+        for part in (*self.regions, *(part for part in (self.sun, self.refinement) if part is not None)):
             logs = logs + part.at(directions)
         return np.asarray(np.exp(np.clip(logs, -30.0, 30.0)))
 

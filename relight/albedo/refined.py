@@ -31,10 +31,10 @@ PLACES, CELLS, BANDS = 640, 256, 7
 """Places that the network looks at, cells of the sphere that it has, and bands in which cells share a message."""
 
 AROUND = 0.12
-"""Spread, in radians, over which the change of a cell is blended: half the distance between two cells."""
+"""Spread, in radians, over which the change of a cell is blended, as in training: about half of a cell."""
 
-DARKEST, LEAST_SEEN = 1e-4, 0.05
-"""Radiance of a captured sky whose logarithm counts, and part of a direction that must have been seen."""
+LEAST_SEEN = 0.05
+"""Part of a direction that must have been seen for the radiance of a captured sky to count."""
 
 
 class NetworkInputs(NamedTuple):
@@ -66,7 +66,7 @@ def inputs_of(evidence: Evidence, radiance: Floats, rows: NDArray[np.int64]) -> 
     seen = np.zeros((len(places.directions), 3))
     if evidence.sky is not None:
         clipped, open_sky = (evidence.sky_shares() * (places.directions[:, 1:] > 0.0)).T
-        looked = np.log(np.maximum(luminance(np.exp(evidence.sky.log_radiance)), DARKEST) / unit)
+        looked = np.log(luminance(np.exp(evidence.sky.log_radiance)) / unit)
         seen = np.stack([open_sky, clipped, np.where(open_sky > LEAST_SEEN, looked, 0.0)], axis=1)
     light = np.log(np.maximum(luminance(radiance), LEAST) / unit)
     of_places = places.sky[rows], captured[rows] / unit, bounced[rows] / unit, places.normals[rows, 1]
@@ -78,7 +78,7 @@ def refined(evidence: Evidence, lights: list[PosteriorLight]) -> list[PosteriorL
     """The lights of a posterior, each changed as the network changes their mean."""
     directions = evidence.places.directions
     change = change_of(evidence, mean_radiance(lights, directions), _by_network)
-    return [light._replace(change=Refinement(directions, change)) for light in lights]
+    return [light._replace(refinement=Refinement(directions, change)) for light in lights]
 
 
 def change_of(
