@@ -1,7 +1,8 @@
 """Write a scene with ground truth to a folder: its splat, mesh, albedo, cameras and light.
 
 Objects: object, tabletop, room (open), figure, machine, still-life. Places: garden, courtyard, street, lounge (closed,
-two windows, a lamp), nook (an open box); small and hard on light: closed-box, forest, cabinet, one-window, white-sky.
+two windows, a lamp), nook (an open box), blocks (in no order); small and hard on light: closed-box, forest, cabinet,
+one-window, white-sky.
 Gloss: ceramics, with harmonics of degree 3.
 """
 

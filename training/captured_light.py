@@ -2,7 +2,8 @@
 
 A scene is captured under several lights and under mixtures of them; the posterior of each capture is where the network
 begins, and the known light is what it should end with. Paints are drawn anew for each step: by colour, by the way a
-surface faces, by patches. So the network cannot learn which colour a wall or a lawn has.
+surface faces, by patches. So the network cannot learn which colour a wall or a lawn has. Parts of the sky are hidden
+from some of the places, as faulty meshes hide them; the known light is then seen through the same mesh.
 """
 
 import copy
@@ -14,7 +15,7 @@ import numpy as np
 import torch
 from torch import nn
 
-from fitting import captures, light
+from fitting import captures, light, lit_scenes
 from relight.albedo import fitted, natural, posterior, refined
 from relight.albedo.captured import DARK, SATURATED
 from relight.albedo.evidence import Evidence
@@ -24,7 +25,7 @@ from relight.sh import harmonics
 from splat2mesh.base.sphere import fibonacci_sphere
 from splat2mesh.scene.color import luminance
 
-from .light_network import Refiner, exported, lost
+from .light_network import LEAST, Refiner, exported, lost
 
 MIXTURES = 4
 """Captures of a scene under two or three of its lights at once."""
@@ -48,8 +49,9 @@ OFTEN, SKYLESS = 0.75, 0.4
 JUDGE_EVERY = 60.0
 """Seconds between scores on the choose part; the best average is kept."""
 
-TRUST = 0.0, 0.25, 0.5, 0.75, 1.0
-"""Parts of the change that are tried."""
+HIDDEN, VEIL, SINGLE, STRAY = 0.7, 3.0, 0.3, 0.1
+"""Share of captures with a faulty mesh; the largest logit of the harmonics that veil the sky of some of its places; the
+largest shares of cells that are hidden from one place, and of places that show the colour of another."""
 
 AVERAGED = 0.01
 """What a step adds to the average of the weights, which is kept."""
@@ -71,27 +73,22 @@ def train(options):
     rng = np.random.default_rng(options.seed)
     maps = captures.light_maps(options.lights)
     scenes = []
-    for path in captures.make_lit(options.corpus, maps, say):
-        scene = captures.LitScene.load(path)
+    for path in lit_scenes.make(options.corpus, maps, say):
+        scene = lit_scenes.LitScene.load(path)
         scenes.append([_begun(scene, *each, rng) for each in _captured(scene, rng)])
     judged = captures.load(options.corpus, "choose")
     say(f"{len(scenes)} scenes, {sum(map(len, scenes))} captures; {len(judged)} to choose by")
-    judged = [_judged(each) for each in judged]
-    network = _fit(scenes, judged, 60.0 * options.minutes, rng, say)
-    losses = {trust: float(np.mean([_loss(network, trust, *each) for each in judged])) for trust in TRUST}
-    told = ", ".join(f"{trust:g}: {loss:.2f}" for trust, loss in losses.items())
-    say(f"choose part by the part of the change that is taken: {told}")
+    network = _fit(scenes, [_judged(each) for each in judged], 60.0 * options.minutes, rng, say)
     file = Path(options.out) / f"{refined.MODEL}.onnx"
-    file.write_bytes(exported(network, min(losses, key=losses.get), _taken(scenes[0][0].inputs, slice(None)), log))
+    file.write_bytes(exported(network, _taken(scenes[0][0].inputs, slice(None)), log))
     return [f"{file}: {file.stat().st_size:,} bytes"]
 
 
 class Example(NamedTuple):
-    """A capture to learn from. inputs: of all its places, `sky` as float16. received: (N,) true luminance that they
-    receive."""
+    """A capture to learn from. inputs: of all its places, `sky` as float16. light: (K,) true luminance of the light."""
 
     inputs: NetworkInputs
-    received: np.ndarray
+    light: np.ndarray
 
 
 def _captured(scene, rng):
@@ -113,10 +110,10 @@ def _begun(scene, captured, bounced, image, rng):
     places = scene.places(rows, captured, bounced)
     evidence = Evidence(places, scene.seen_sky(image, rng), fitted.FITTED)
     start = posterior.mean_radiance(posterior.lights_of(evidence, natural.natural_light()), places.directions)
-    true = luminance(places.sky @ captures.around(image, places.directions).astype(np.float32) + places.bounced)
+    true = luminance(captures.around(image, places.directions)) / np.median(luminance(places.captured))
     inputs = inputs_of(evidence, start, np.arange(len(rows)))
     inputs = inputs._replace(sky=inputs.sky.astype(np.float16))  # 5 MB; there are hundreds
-    return Example(inputs, (true / np.median(luminance(places.captured))).astype(np.float32))
+    return Example(inputs, true.astype(np.float32))
 
 
 def _judged(capture):
@@ -150,7 +147,7 @@ def _fit(scenes, judged, seconds, rng, say):
             kept.data.lerp_(new.data, AVERAGED if step > WARM_UP else 1.0)
         if judged and spent > judge_at:
             judge_at += JUDGE_EVERY
-            loss = np.mean([_loss(average, 1.0, *each) for each in judged])
+            loss = np.mean([_loss(average, *each) for each in judged])
             say(f"{spent:4.0f} s, {step} steps: {float(losses[-1].detach()):.2f} dB lost, choose part {loss:.2f}")
             if loss < best[0]:
                 best = loss, copy.deepcopy(average.state_dict())
@@ -158,14 +155,14 @@ def _fit(scenes, judged, seconds, rng, say):
     return average
 
 
-def _loss(network, trust, capture, evidence, image):
+def _loss(network, capture, evidence, image):
     """dB that a capture loses with its light refined, one gain a colour."""
     directions = evidence.places.directions
 
     def change(inputs):
         with torch.no_grad():
             given = _tensors([inputs])
-            return trust * (network(given)[-1] - given["light"])[0].numpy()
+            return (network(given)[-1] - given["light"])[0].numpy()
 
     found = posterior.Refinement(directions, refined.change_of(evidence, captures.around(image, directions), change))
     return light.losses(capture, image * np.exp(found.at(captures.DIRECTIONS)).reshape(64, 128, 1))[0]
@@ -175,11 +172,25 @@ def _batch(examples, rng):
     """Tensors of captures with SEEN_PLACES each, in other paints, with other noise, some without their sky."""
     found, received = [], []
     for each in examples:
-        count = len(each.received)
+        count = len(each.inputs.captured)
         rows = rng.choice(count, SEEN_PLACES, replace=count < SEEN_PLACES)
-        found.append(_varied(_taken(each.inputs, rows), each.received[rows], rng))
-        received.append(each.received[rows])
+        inputs = _hidden(_taken(each.inputs, rows), rng)
+        received.append(np.maximum(inputs.sky @ each.light + inputs.bounced, LEAST))
+        found.append(_varied(inputs, received[-1], rng))
     return _tensors(found) | {"received": torch.from_numpy(np.stack(received))}
+
+
+def _hidden(inputs, rng):
+    """NetworkInputs whose places see less of the sky, as behind a faulty mesh."""
+    if rng.random() > HIDDEN:
+        return inputs
+    count, cells = len(inputs.captured), inputs.pool.shape[1]
+    harmonic = harmonics.evaluate(fibonacci_sphere(len(inputs.light)), 4)
+    veil = rng.uniform(0.0, VEIL) + VEIL * rng.random() * (harmonic @ rng.standard_normal(harmonic.shape[1]))
+    some = rng.random((count, 1)) < rng.random()
+    free = np.where(some, 1.0 / (1.0 + np.exp(-veil)), 1.0)
+    free = free * ((rng.random((count, cells)) > rng.uniform(0.0, SINGLE)) @ inputs.pool.T)
+    return inputs._replace(sky=inputs.sky * free.astype(np.float32))
 
 
 def _taken(inputs, rows):
@@ -201,6 +212,8 @@ def _varied(inputs, received, rng):
     if rng.random() < 0.5:
         order = np.argsort(log)
         log[order[: rng.integers(1, count)]] += PAINT * rng.standard_normal()
+    stray = rng.random(count) < rng.uniform(0.0, STRAY)
+    log[stray] = rng.permutation(log)[stray]
     bounced = inputs.bounced * np.exp(0.2 * rng.standard_normal() + 0.1 * rng.standard_normal(count))
     light = inputs.light
     if rng.random() < 0.5:

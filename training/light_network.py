@@ -103,24 +103,24 @@ class Refiner(nn.Module):
 
 
 class _Refinement(nn.Module):
-    """The change of log light (K,) of one capture, or a part of it."""
+    """The change of log light (K,) of one capture."""
 
-    def __init__(self, network, trust):
+    def __init__(self, network):
         super().__init__()
-        self.network, self.trust = network, trust
+        self.network = network
 
     def forward(self, sky, captured, bounced, upward, light, seen, pool, height, basis, spread):
         one = {"sky": sky, "captured": captured, "bounced": bounced, "upward": upward, "light": light, "seen": seen}
         one = {name: each[None] for name, each in one.items()}
         shared = {"pool": pool, "height": height, "basis": basis, "spread": spread}
-        return self.trust * (self.network(one | shared)[-1][0] - light)
+        return self.network(one | shared)[-1][0] - light
 
 
-def exported(network, trust, example, log=()):
+def exported(network, example, log=()):
     """The bytes of the ONNX file.
 
-    trust: part of the network's change that is taken. example: a `refined.NetworkInputs` of any number of places and
-    directions. log: lines about the training, kept as metadata.
+    example: a `refined.NetworkInputs` of any number of places and directions. log: lines about the training, kept as
+    metadata.
     """
     from io import BytesIO
 
@@ -130,7 +130,7 @@ def exported(network, trust, example, log=()):
     axes["sky"][1], axes["spread"] = "directions", {1: "directions"}
     file = BytesIO()
     torch.onnx.export(
-        _Refinement(network, trust).eval(),
+        _Refinement(network).eval(),
         tuple(torch.from_numpy(np.asarray(each)) for each in example),
         file,
         input_names=list(names),

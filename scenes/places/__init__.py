@@ -1,4 +1,4 @@
-"""Generated places: a garden, a courtyard, a street, a lounge, a nook, and small ones that are hard on light."""
+"""Generated places: a garden, a courtyard, a street, a lounge, a nook, blocks, and small ones hard on light."""
 
 from .place import PLACES, Place, build_place
 

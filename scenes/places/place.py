@@ -9,7 +9,7 @@ from splat2mesh.base.errors import InputError
 
 from .. import shapes
 from ..kinds import SceneTruth
-from . import courtyard, garden, hard, lounge, nook, street
+from . import blocks, courtyard, garden, hard, lounge, nook, street
 from .solids import joined
 
 CARD_SHARE = 0.6
@@ -19,6 +19,7 @@ THICKNESS = 4e-3
 """Between the two sides of a leaf, as a share of its size: only rays must distinguish them."""
 
 PLACES = {
+    "blocks": blocks.blocks,
     "garden": garden.garden,
     "lounge": lounge.lounge,
     "nook": nook.nook,
@@ -102,8 +103,8 @@ class Furnishing:
 def build_place(kind, seed=0, vertices=60_000):
     """The place of one kind and seed with about `vertices` vertices: a Place.
 
-    The seed changes proportions, colours and every leaf; in courtyards and streets also what stands there. Raises
-    InputError for an unknown kind or fewer than 1,000 vertices.
+    The seed changes proportions, colours and every leaf; in blocks, courtyards and streets also what stands there.
+    Raises InputError for an unknown kind or fewer than 1,000 vertices.
     """
     if kind not in PLACES:
         raise InputError(f"--kind {kind}: expected one of {' '.join(PLACES)}")
