@@ -144,7 +144,7 @@ class RelitPicture:
             directions = self._toward(rows, columns, samples)
             shown = behind(environment, directions, self._pixel / FINE, exposure)
             if shadows is not None:
-                self._shade_ground(shown, directions, shadows)
+                shown *= shadows.share_seen(self.view.center, directions)
             mean = compress_highlights(shown).reshape(-1, samples**2, 3).mean(axis=1)
             image[rows, columns] = srgb_from_linear(mean)
 
@@ -189,16 +189,6 @@ class RelitPicture:
         if self._catcher is None:
             self._catcher = Catcher(self._scene, self.mesh.caster)
         return self._catcher.under(environment)
-
-    def _shade_ground(self, shown: NDArray, directions: NDArray, light: "GroundLight") -> None:
-        eye, down = self.view.center, -directions[:, 1]
-        above = eye[1] - light.height
-        met = down > 1e-3
-        if above <= 0.0 or not met.any():
-            return
-        reached = directions[met] * (above / down[met])[:, None]
-        ground = np.stack([eye[0] + reached[:, 0], eye[2] + reached[:, 2]], axis=-1)
-        shown[met] *= light.share(ground)
 
 
 def _over(color: NDArray, alpha: NDArray, back: NDArray) -> NDArray:
