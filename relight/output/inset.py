@@ -65,7 +65,7 @@ def add_inset(
 
 def _chrome(normal: NDArray, axes: NDArray, environment: "Environment", exposure: float) -> NDArray:
     mirrored = np.array([0.0, 0.0, 1.0]) - 2.0 * normal[:, 2:] * normal  # the line of sight, (0, 0, 1), thrown back
-    return CHROME * behind(environment, mirrored @ axes, np.pi / 90.0, exposure)
+    return CHROME * behind(environment, mirrored @ axes, exposure)
 
 
 def _matt(normal: NDArray, axes: NDArray, environment: "Environment", exposure: float) -> NDArray[np.float32]:

@@ -14,7 +14,7 @@ from splat2mesh.splats.splats import Splats
 from splat2mesh.views.standpoints import NEAR_DIAGONAL
 
 from ..light.tonemap import compress_highlights
-from .backdrop import behind, is_even, is_soft
+from .backdrop import behind, is_even
 from .catcher import Catcher, GroundLight
 from .inset import add_inset
 from .kinds import PICTURE_SIZE
@@ -136,13 +136,12 @@ class RelitPicture:
             return image
         if self._indoors:
             wanted = wanted & ~self._through_floor(wanted)
-        soft = self._scene.is_place and is_soft(environment, self._pixel / FINE)  # nothing is finer than a pixel
         shadows = self._ground_under(environment)
         rows, columns = np.nonzero(wanted)
 
         def draw(rows: NDArray, columns: NDArray, samples: int) -> None:
             directions = self._toward(rows, columns, samples)
-            shown = behind(environment, directions, self._pixel / FINE, exposure)
+            shown = behind(environment, directions, exposure)
             if shadows is not None:
                 shown *= shadows.share_seen(self.view.center, directions)
             mean = compress_highlights(shown).reshape(-1, samples**2, 3).mean(axis=1)
@@ -150,8 +149,6 @@ class RelitPicture:
 
         def work(part: slice) -> None:
             across, down = rows[part], columns[part]
-            if soft:
-                return draw(across, down, 1)
             even = is_even(environment, self._toward(across, down, 1), self._pixel)
             draw(across[even], down[even], 1)
             draw(across[~even], down[~even], FINE)
