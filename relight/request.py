@@ -3,7 +3,6 @@
 It holds every default and checks every field before any work. Imports nothing heavy.
 """
 
-import math
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
 from splat2mesh.base.choices import DEFAULT_FPS, MOST_STEPS, check_choice
 from splat2mesh.base.errors import InputError
+from splat2mesh.base.specs import vector
 from splat2mesh.options import ConvertOptions, TilingOptions
 
 from .light import CAPTURED, SKIES
@@ -193,9 +193,9 @@ class RelightRequest:
         if self.env == AUTO:
             changes = self.lighting.changes_captured_light or bool(self.inserted or self.parts) or self.needs_no_light
             self._set("env", CAPTURED if changes else "studio")
-        self._set("probe_at", tuple(_place("probe_at", each) for each in self.probe_at))
+        self._set("probe_at", tuple(vector("probe_at", each) for each in self.probe_at))
         if self.white_at is not None:
-            self._set("white_at", _place("white_at", self.white_at))
+            self._set("white_at", vector("white_at", self.white_at))
         if self.capture_env is not None and "captured_light" in self.lighting.said:
             raise InputError("`captured_light`: it is a known light as `capture_env` is; give one of them")
         self._check_outputs()
@@ -330,14 +330,3 @@ class RelightRequest:
     def under(self, env: AnyLight) -> "RelightRequest":
         """Return the same request under another light."""
         return replace(self, env=env, sun="", at="", north_deg=0.0, day="")
-
-
-def _place(name: str, value: Any) -> tuple[float, float, float]:
-    """Three finite numbers, of a sequence or of a text with commas."""
-    try:
-        x, y, z = (float(each) for each in (value.split(",") if isinstance(value, str) else value))
-    except (TypeError, ValueError):
-        x = y = z = math.nan
-    if not all(map(math.isfinite, (x, y, z))):
-        raise InputError(f"`{name}` {value}: expected three numbers, such as 0,1.2,0")
-    return x, y, z

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.errors import InputError
-from splat2mesh.scene.color import luminance
+from splat2mesh.scene.color import BLACK, luminance
 
 from ..albedo.captured import described_light
 from ..albedo.division import Prior, albedo_of
@@ -24,9 +24,6 @@ LEAST_COLOR = 0.02
 
 WHITE_RADIUS = 0.01
 """Radius, in diagonals of the scene, over which colours around a white position are averaged."""
-
-LEAST_RECEIVED = 1e-4
-"""Least share of the median irradiance for a colour to show the light."""
 
 
 def retinted(look: "Appearance", color: NDArray[np.float64], bounced: NDArray[np.float32]) -> "Appearance":
@@ -71,7 +68,7 @@ def color_where_white(
     parts = look.captured, look.irradiance, np.minimum(bounced, look.irradiance)
     own, received, others = (np.median(each[near].astype(np.float64), axis=0) for each in parts)
     direct = received - others
-    if own.min() <= 0.0 or direct.min() <= LEAST_RECEIVED * float(np.median(look.irradiance)):
+    if own.min() <= 0.0 or direct.min() <= BLACK:
         raise InputError("`white_at`: the surface there is too dark to show the colour of its light")
     neutral = own * (luminance(received) / luminance(own))  # irradiance that makes it grey, as bright as estimated
     color = np.maximum(neutral - others, LEAST_COLOR * direct) / direct * np.asarray(look.capture["color"])

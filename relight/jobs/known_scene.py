@@ -30,7 +30,7 @@ from ..insert.splat_insert import splat_object
 from ..light import CAPTURED
 from ..light.environment import Environment
 from ..light.loading import light_of
-from ..output.pass_files import moved_view
+from ..output.picture import in_frame
 from ..request import RelightRequest
 from ..splats import Binding
 from ..splats.closed_floor import closed_floor
@@ -305,7 +305,8 @@ class KnownScene:
             views = usable_views(given)
         if not views:
             raise InputError(f"`cameras` {given}: expected cameras that see the scene, found none")
-        return [moved_view(view, self.inputs.read_scene.scene_from_splat) for view in views]
+        splat_from_scene = np.linalg.inv(self.inputs.read_scene.scene_from_splat)
+        return [in_frame(view, splat_from_scene)[0] for view in views]
 
     def capture_env(self) -> Environment | None:
         """The known light of the capture, if there is one."""

@@ -8,15 +8,17 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.threads import in_batches
 from splat2mesh.render.rasterize import Rendering, rasterize
+from splat2mesh.render.view import View
 from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
 from splat2mesh.scene.drawn import Drawn
 from splat2mesh.splats.splats import Splats
 from splat2mesh.views.standpoints import NEAR_DIAGONAL
 
+from ..insert.probe_grid import usual_box
 from ..light.tonemap import compress_highlights
 from .backdrop import behind, is_even
 from .catcher import Catcher, GroundLight
-from .inset import add_inset
+from .inset import SAMPLES, add_inset
 from .kinds import PICTURE_SIZE
 from .mesh_files import check_radiance
 from .preview import Preview
@@ -27,18 +29,11 @@ if TYPE_CHECKING:
 
     from ..light.environment import Environment
 
-FINE = 2
-"""Samples along a pixel's side of what is behind: a horizon and a sun have smooth edges."""
-
 PLAIN = 0.62
 """Display value of the background without a known light: no surface is as even."""
 
 HIDDEN = 1e-3
 """Part of what is behind that a pixel of splats may let through unseen: a quarter of a step of a byte."""
-
-EDGE_PERCENT = 5.0
-"""Percentile of the vertices' coordinates at which the floor of a room lies and its walls stand: what windows show
-outside lies beyond."""
 
 
 class RelitPicture:
@@ -83,8 +78,7 @@ class RelitPicture:
     def seen(self, splats: Splats) -> Rendering:
         """The Rendering of splats in the frame that `scene_from_splat` starts from, before nothing."""
         frame = np.asarray(self._scene.scene_from_splat, np.float64)
-        view = replace(self.view, camera_from_world=_rigid(self.view.camera_from_world @ frame))
-        return rasterize(splats, view, NEAR_DIAGONAL * self._scene.diagonal / _scale(frame))
+        return rasterize(splats, *in_frame(self.view, frame, NEAR_DIAGONAL * self._scene.diagonal))
 
     def of_vertices(
         self, radiance: NDArray, environment: "Environment | None", exposure: float, inset: bool = True
@@ -151,7 +145,7 @@ class RelitPicture:
             across, down = rows[part], columns[part]
             even = is_even(environment, self._toward(across, down, 1), self._pixel)
             draw(across[even], down[even], 1)
-            draw(across[~even], down[~even], FINE)
+            draw(across[~even], down[~even], SAMPLES)
 
         if len(rows):
             work(slice(1))  # what is found once, by one thread
@@ -170,7 +164,7 @@ class RelitPicture:
 
     def _through_floor(self, wanted: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """(H, W) bool, which of some pixels look through the floor between the walls of a room."""
-        low, high = np.percentile(self._scene.vertices, [EDGE_PERCENT, 100.0 - EDGE_PERCENT], axis=0)
+        low, high = usual_box(self._scene)
         rows, columns = np.nonzero(wanted)
         directions, eye = self._toward(rows, columns, 1), self.view.center
         down = np.maximum(-directions[:, 1], 1e-6)
@@ -195,11 +189,9 @@ def _over(color: NDArray, alpha: NDArray, back: NDArray) -> NDArray:
     return srgb_from_linear(own) * alpha + back * (1.0 - alpha)
 
 
-def _scale(matrix: NDArray) -> float:
-    """Size of a unit after a similarity (4, 4)."""
-    return float(np.cbrt(abs(np.linalg.det(matrix[:3, :3]))))
-
-
-def _rigid(matrix: NDArray) -> NDArray:
-    """A similarity (4, 4) without its scale: the same picture, for all of it grows alike from the eye on."""
-    return np.concatenate([matrix[:3] / _scale(matrix), matrix[3:]])
+def in_frame(view: View, scene_from_other: NDArray, near: float = 0.0) -> tuple[View, float]:
+    """A View of the scene, and a distance, in another frame that a similarity (4, 4) leads from: the picture is the
+    same, since all grows alike from the eye on."""
+    matrix = view.camera_from_world @ scene_from_other
+    scale = float(np.cbrt(abs(np.linalg.det(scene_from_other[:3, :3]))))
+    return replace(view, camera_from_world=np.concatenate([matrix[:3] / scale, matrix[3:]])), near / scale

@@ -283,7 +283,7 @@ def test_nothing_written_about_lamps_overlaps_or_leaves_the_window(window, size)
     for changes in ({}, {"help": True}, {"split": True}):
         session.change(help=False, split=False)
         session.change(**changes)
-        panel.draw(session, size, OfWindow(29.7))
+        panel.draw(session, size, OfWindow())
         boxes = list(panel.boxes.items())
         assert any(text == "Captured" for (text, *_), _ in boxes) and any(text == "Lamp" for (text, *_), _ in boxes)
         for index, ((text, *_), (left, bottom, width, height)) in enumerate(boxes):

@@ -305,7 +305,7 @@ def test_nothing_written_overlaps_or_leaves_the_window(scene, size):
             if settled:
                 session.finish()
             session.answers.progress = ("bounce rays", 0.45)
-            panel.draw(session, size, OfWindow(29.7))
+            panel.draw(session, size, OfWindow())
             boxes = list(panel.boxes.items())
             for index, ((text, *_), (left, bottom, width, height)) in enumerate(boxes):
                 assert left >= 0 and bottom >= 0 and left + width <= size[0] and bottom + height <= size[1], text
