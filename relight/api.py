@@ -50,7 +50,6 @@ if TYPE_CHECKING:
     import pyvista
 
     from .gloss.gloss_plan import GlossPlan
-    from .insert.insert_plan import InsertPlan
     from .planning.lamp_plan import RayPlan
     from .viewer.request import SessionRequest
 
@@ -224,8 +223,8 @@ class RelightPlan(NamedTuple):
     plan: the Plan of the environment; None without one, or where the splat is not meshed yet. note: what it leaves
     open, or "". lamps, lamp_bounces: RayPlans of the lamps and of their first bounce, or None. lamp_count: how many.
     lamps_picture: (H, W, 3) uint8, the captured lamps of a closed room with their numbers; None without any. gloss: the
-    GlossPlan of the scene; None where nothing is glossy, or before gloss was measured. inserts: the InsertPlan of added
-    objects, or None. mirrored_floor: entry of the report for a floor that mirrors in the splats, or None.
+    GlossPlan of the scene; None where nothing is glossy, or before gloss was measured. mirrored_floor: entry of the
+    report for a floor that mirrors in the splats, or None.
     """
 
     plan: Plan | None
@@ -234,7 +233,6 @@ class RelightPlan(NamedTuple):
     lamp_count: int = 0
     lamps_picture: NDArray[np.uint8] | None = None
     gloss: "GlossPlan | None" = None
-    inserts: "InsertPlan | None" = None
     lamp_bounces: "RayPlan | None" = None
     mirrored_floor: dict[str, Any] | None = None
 
@@ -245,7 +243,6 @@ class RelightPlan(NamedTuple):
         lines += [] if self.gloss is None else self.gloss.table()
         if self.mirrored_floor is not None:
             lines.append(f"mirrored floor: {self.mirrored_floor['splats']:,} splats take the light of what it mirrors")
-        lines += [] if self.inserts is None else self.inserts.table()
         lines += [] if self.lamps is None else self.lamps.table(self.lamp_count)
         return lines + ([] if self.lamp_bounces is None else self.lamp_bounces.table())
 
@@ -267,22 +264,20 @@ def plan_relight(request: RelightRequest, stages: Stages | None = None) -> Relig
         lamps, bounces, count = job.mix.lamp_light.plan, job.mix.lamp_light.bounce_plan, len(job.inputs.asked_lamps)
     if job.inputs.from_inside and job.room is not None and job.room.lamps_found:
         picture = lamps_picture(job.known.scene, job.known.lamps_found)
-    inserts = job.known.insert_plan
     if job.light_kind is LightKind.CAPTURED:
-        note = "" if lamps or inserts else "the captured light needs no rays, and there is nothing to plan"
-        mirrored = job.known.mirrored_floor
-        return RelightPlan(None, note, lamps, count, picture, None, inserts, bounces, mirrored)
+        note = "" if lamps else "the captured light needs no rays, and there is nothing to plan"
+        return RelightPlan(None, note, lamps, count, picture, None, bounces, job.known.mirrored_floor)
     plan, note = job.planned()
-    if plan is None and job.known.appearance.as_captured and lamps is None and inserts is None:
+    if plan is None and job.known.appearance.as_captured and lamps is None:
         raise InputError("what an environment changes in this room is assumed, so there is nothing to plan")
-    if plan is None and lamps is None and inserts is None:
+    if plan is None and lamps is None:
         raise InputError(f"`method` {job.inputs.options.method} has nothing to plan; leave it at auto")
     gloss = (
         None
         if note or job.known.gloss is None or not job.known.gloss.known
         else job.known.gloss.plan(job.known.appearance)
     )
-    return RelightPlan(plan, note, lamps, count, picture, gloss, inserts, bounces, job.known.mirrored_floor)
+    return RelightPlan(plan, note, lamps, count, picture, gloss, bounces, job.known.mirrored_floor)
 
 
 def view_request(

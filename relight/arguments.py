@@ -160,9 +160,8 @@ def parser() -> argparse.ArgumentParser:
     likely = "the light of the capture: the number of a likely one that an estimate offered in the scene folder, or a "
     likely += "file (captured_light.json, .exr or .hdr); auto ignores the one that was chosen there"
     add("--captured-light", metavar="N|FILE|auto", help=likely)
-    tint = "the colour of the captured light, where the estimate is wrong: 5600K, linear red,green,blue, or a name"
-    add("--capture-tint", metavar="R,G,B|KELVIN", help=tint)
-    white = "instead of --capture-tint a place in the frame of the splat whose surface is white or grey"
+    white = "a place in the frame of the splat whose surface is white or grey, where the estimate of the captured "
+    white += "light has another colour"
     add("--white", dest="white_at", metavar="X,Y,Z", help=white)
     tolerance = "accepted relative error of the light; effects that it does not need are skipped "
     tolerance += f"(default: {DEFAULT_TOLERANCE:g}, which is {DEFAULT_TOLERANCE:.0%}%; for places {PLACE_TOLERANCE:g})"

@@ -253,8 +253,7 @@ def _planned(request: RelightRequest, stages: Stages, plot: str | None) -> tuple
         write_png(path, report.lamps_picture)
         lines.append(f"{path}: its lamps by number, for --lamps 1=off,2=0.5")
     plan, lamps = report.plan and report.plan.as_dict(), report.lamps and report.lamps.as_dict()
-    more = {"gloss": report.gloss and report.gloss.as_dict(), "inserts": report.inserts and report.inserts.as_dict()}
-    more["mirrored_floor"] = report.mirrored_floor
+    more = {"gloss": report.gloss and report.gloss.as_dict(), "mirrored_floor": report.mirrored_floor}
     return lines, {"plan": plan, "note": report.note, "lamps": lamps, **more}
 
 

@@ -8,6 +8,7 @@ from typing import Any, TypeAlias
 
 from splat2mesh.base.choices import check_choice, check_seed
 from splat2mesh.base.errors import InputError
+from splat2mesh.base.specs import vector
 
 from .light import ANEW, CAPTURED_SKIES, SUN_TOLERANCE
 from .transfer import DEFAULT_BANDS, DEFAULT_RAYS, FEW_BANDS, METHODS, check_rays
@@ -267,13 +268,10 @@ def _checked_key(name: Any, factor: Any) -> LampKey:
     text = str(name).strip()
     if text.isdecimal():
         return int(text)
-    values = text.removeprefix("at=").split(",") if isinstance(name, str) else name
     try:
-        x, y, z = (float(each) for each in values)
-    except (TypeError, ValueError):
-        x = y = z = math.nan
-    if all(map(math.isfinite, (x, y, z))):
-        return x, y, z
+        return vector("at", text.removeprefix("at=") if isinstance(name, str) else name)
+    except InputError:
+        pass
     expected = "three numbers, as in at=1.2,2.0,-.4=off" if "at=" in text else "the number of a lamp, as in 1=off,3=0.5"
     raise InputError(f"`lamps` {text}={factor}: expected {expected}")
 

@@ -3,7 +3,6 @@
 It holds every default and checks every field before any work. Imports nothing heavy.
 """
 
-import math
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
 from splat2mesh.base.choices import DEFAULT_FPS, MOST_STEPS, check_choice
 from splat2mesh.base.errors import InputError
+from splat2mesh.base.specs import vector
 from splat2mesh.options import ConvertOptions, TilingOptions
 
 from .light import CAPTURED, SKIES
@@ -85,10 +85,8 @@ class RelightRequest:
         meshes), "white", a .npy file, or (V, 3) linear float.
     capture_env : optional
         The light of the capture, if you have it.
-    capture_tint : str or sequence of float, optional
-        The colour of that light, where the estimate is wrong: "5600K", a name, or linear red,green,blue.
     white_at : sequence of (3,), optional
-        Replaces `capture_tint`: positions, in the frame of the splat, whose surface is white or grey.
+        A position, in the frame of the splat, whose surface is white or grey: it corrects the colour of that light.
     exposure_ev : float, optional
         Show radiance times 2^EV. Default: the exposure of the capture.
     formats : sequence of str, optional
@@ -159,7 +157,6 @@ class RelightRequest:
     inserted: Sequence[Any] = ()
     albedo: "AnyAlbedo | None" = None
     capture_env: "AnyLight | None" = None
-    capture_tint: str | Sequence[float] | None = None
     white_at: Any = None
     exposure_ev: float | None = None
     formats: Sequence[str] | None = None
@@ -196,8 +193,9 @@ class RelightRequest:
         if self.env == AUTO:
             changes = self.lighting.changes_captured_light or bool(self.inserted or self.parts) or self.needs_no_light
             self._set("env", CAPTURED if changes else "studio")
-        self._set("probe_at", tuple(_place("probe_at", each) for each in self.probe_at))
-        self._check_tint()
+        self._set("probe_at", tuple(vector("probe_at", each) for each in self.probe_at))
+        if self.white_at is not None:
+            self._set("white_at", vector("white_at", self.white_at))
         if self.capture_env is not None and "captured_light" in self.lighting.said:
             raise InputError("`captured_light`: it is a known light as `capture_env` is; give one of them")
         self._check_outputs()
@@ -249,18 +247,6 @@ class RelightRequest:
             raise InputError("`angles_deg`: the light of the capture cannot be turned; give another `env`")
         if self.animated and len(self.angles_deg) > 1:
             raise InputError("`angles_deg`: an animation has one angle")
-
-    def _check_tint(self) -> None:
-        """Make the tint three numbers. Raises InputError for anything but a colour, and for two tints."""
-        if self.white_at is not None:
-            self._set("white_at", _place("white_at", self.white_at))
-        if self.capture_tint is None:
-            return
-        from .engine.tint import checked_tint
-
-        if self.white_at is not None:
-            raise InputError("`white_at`: it replaces `capture_tint`; give one of them")
-        self._set("capture_tint", checked_tint(self.capture_tint))
 
     def _check_sun(self) -> None:
         """Make the sky of a date the light. Raises InputError for a date without a place, or a place without a date."""
@@ -344,14 +330,3 @@ class RelightRequest:
     def under(self, env: AnyLight) -> "RelightRequest":
         """Return the same request under another light."""
         return replace(self, env=env, sun="", at="", north_deg=0.0, day="")
-
-
-def _place(name: str, value: Any) -> tuple[float, float, float]:
-    """Three finite numbers, of a sequence or of a text with commas."""
-    try:
-        x, y, z = (float(each) for each in (value.split(",") if isinstance(value, str) else value))
-    except (TypeError, ValueError):
-        x = y = z = math.nan
-    if not all(map(math.isfinite, (x, y, z))):
-        raise InputError(f"`{name}` {value}: expected three numbers, such as 0,1.2,0")
-    return x, y, z

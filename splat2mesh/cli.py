@@ -1,7 +1,6 @@
 """The splat2mesh command: arguments in, scene folder out. Holds no mathematics and imports nothing heavy."""
 
 import argparse
-import math
 import os
 import sys
 import time
@@ -18,6 +17,7 @@ from .base.errors import InputError
 from .base.inputs import is_url
 from .base.progress import Stages
 from .base.requests import given, option_names
+from .base.specs import vector
 from .base.version import VERSION
 from .options import CHOICES, ConvertOptions, TilingOptions
 
@@ -149,7 +149,7 @@ def convert_options(words: argparse.Namespace) -> ConvertOptions:
     if "texture" in said:
         said["texture"] = said["texture"].lower()
     if "eyes" in said:
-        said["eyes"] = [_point(text) for text in said["eyes"]]
+        said["eyes"] = [vector("eyes", text) for text in said["eyes"]]
     for name, choices in CHOICES.items():
         if name in said:
             said[name] = chosen("--from" if name == "stand" else f"--{name}", said[name], choices)
@@ -257,17 +257,6 @@ def _listed(result: dict[str, Any]) -> list[str]:
 def _count(text: str) -> int | None:
     """A number of vertices, or None for auto."""
     return None if text == "auto" else count("--vertices", text)
-
-
-def _point(text: str) -> tuple[float, ...]:
-    """Three numbers with commas between them."""
-    try:
-        point = tuple(float(part) for part in text.split(","))
-    except ValueError:
-        point = ()
-    if len(point) != 3 or not all(map(math.isfinite, point)):
-        raise InputError(f"--eye {text}: expected three numbers, such as 1.5,0,-2")
-    return point
 
 
 if __name__ == "__main__":

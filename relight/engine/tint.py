@@ -1,4 +1,4 @@
-"""The colour of the captured light, if the user knows it better than the estimate.
+"""The colour of the captured light, where a surface is known to be white.
 
 Each colour of the light from outside gets a factor; light between surfaces stays as seen. The luminance stays.
 """
@@ -10,11 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.errors import InputError
-from splat2mesh.scene.color import luminance
+from splat2mesh.scene.color import BLACK, luminance
 
 from ..albedo.captured import described_light
 from ..albedo.division import Prior, albedo_of
-from ..lamps.color import parse_color
 from ..light.environment import Environment
 
 if TYPE_CHECKING:
@@ -25,11 +24,6 @@ LEAST_COLOR = 0.02
 
 WHITE_RADIUS = 0.01
 """Radius, in diagonals of the scene, over which colours around a white position are averaged."""
-
-LEAST_RECEIVED = 1e-4
-"""Least share of the median irradiance for a colour to show the light."""
-
-AT_A_PLACE, AS_GIVEN = "`white_at`", "`capture_tint`"
 
 
 def retinted(look: "Appearance", color: NDArray[np.float64], bounced: NDArray[np.float32]) -> "Appearance":
@@ -69,27 +63,13 @@ def color_where_white(
     assert look.capture is not None
     apart = np.linalg.norm(vertices - np.asarray(place, np.float32), axis=1)
     if apart.min() > WHITE_RADIUS * diagonal:
-        raise InputError(f"{AT_A_PLACE}: no surface is there, the nearest is {apart.min() / diagonal:.1%} away")
+        raise InputError(f"`white_at`: no surface is there, the nearest is {apart.min() / diagonal:.1%} away")
     near = apart <= WHITE_RADIUS * diagonal
-    own, received, others = (np.median(each[near].astype(np.float64), axis=0) for each in _parts(look, bounced))
+    parts = look.captured, look.irradiance, np.minimum(bounced, look.irradiance)
+    own, received, others = (np.median(each[near].astype(np.float64), axis=0) for each in parts)
     direct = received - others
-    if own.min() <= 0.0 or direct.min() <= LEAST_RECEIVED * float(np.median(look.irradiance)):
-        raise InputError(f"{AT_A_PLACE}: the surface there is too dark to show the colour of its light")
+    if own.min() <= 0.0 or direct.min() <= BLACK:
+        raise InputError("`white_at`: the surface there is too dark to show the colour of its light")
     neutral = own * (luminance(received) / luminance(own))  # irradiance that makes it grey, as bright as estimated
     color = np.maximum(neutral - others, LEAST_COLOR * direct) / direct * np.asarray(look.capture["color"])
     return np.asarray(color / luminance(color))
-
-
-def _parts(look: "Appearance", bounced: NDArray[np.float32]) -> tuple[NDArray[np.float32], ...]:
-    return look.captured, look.irradiance, np.minimum(bounced, look.irradiance)
-
-
-def checked_tint(value: "str | Sequence[float]") -> tuple[float, float, float]:
-    """The colour, linear with luminance 1, of a text such as "5600K" or "1,.9,.8", or of three numbers.
-
-    Raises InputError for anything else.
-    """
-    try:
-        return parse_color(value)
-    except InputError as error:
-        raise InputError(str(error).replace("`color`", AS_GIVEN)) from None

@@ -14,7 +14,7 @@ from ..sh import harmonics
 from .fits import BANDS, PatchFits
 from .ggx import zonal_factors
 
-ALPHAS = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.65)
+ALPHAS = np.geomspace(0.05, 0.65, 12)
 """GGX roughness that is distinguished. Degree 3 shows little between the first two; a noisy normal looks rough."""
 
 DEGREE = harmonics.degrees_and_orders(BANDS)[0][1:]
@@ -122,4 +122,4 @@ def best_lobe(fits: PatchFits, patch: int, light: Floats) -> Lobe:
             if found > gain:
                 reflectance = np.maximum(along.sum(axis=0) / np.maximum(square.sum(axis=0), 1e-30), 0.0)
                 gain, factor, flat = found, number, kind
-    return Lobe(gain, reflectance, ALPHAS[factor], flat)
+    return Lobe(gain, reflectance, float(ALPHAS[factor]), flat)

@@ -25,9 +25,6 @@ BANDS = harmonics.MAX_BANDS
 LEAST_ALPHA = 0.15
 """Sharper lobes are blurred to this one: more than degree 3 shows, and 10 bands of a light still do not ring."""
 
-STEPS = 8
-"""Roughnesses at which lights are blurred; between them they are mixed."""
-
 
 class MirroredPixels(NamedTuple):
     """The Q glossy pixels of a view, and what each of their lobes' rays met.
@@ -87,14 +84,9 @@ class MirroredPixels(NamedTuple):
         bands = harmonics.bands_of(light)
         degree, _ = harmonics.degrees_and_orders(bands)
         basis = harmonics.evaluate(self.pixels.mirrored @ self.scene.T, bands)
-        levels = np.geomspace(LEAST_ALPHA, 1.0, STEPS)
-        place = np.clip(np.interp(np.log(self.alpha), np.log(levels), np.arange(STEPS)), 0, STEPS - 1.001)
-        lower, part = place.astype(np.int64), (place % 1.0)[:, None]
         result = np.zeros((len(basis), 3))
-        for step in range(STEPS):
-            share = np.where(lower == step, 1.0 - part[:, 0], 0.0) + np.where(lower + 1 == step, part[:, 0], 0.0)
-            rows = np.flatnonzero(share)
-            if len(rows):
-                blurred = basis[rows] @ (zonal_factors(float(levels[step]), bands)[degree][:, None] * light)
-                result[rows] += share[rows, None] * np.maximum(blurred, 0.0)
+        for alpha in np.unique(self.alpha):
+            rows = self.alpha == alpha
+            blurred = basis[rows] @ (zonal_factors(float(alpha), bands)[degree][:, None] * light)
+            result[rows] = np.maximum(blurred, 0.0)
         return result

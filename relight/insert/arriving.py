@@ -4,7 +4,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from splat2mesh.base.arrays import Directions, Faces, Vector
+from splat2mesh.base.arrays import Faces, Vector
 from splat2mesh.base.sphere import fibonacci_sphere
 
 from ..lamps.tracing import DRAFT_RAYS, lamplight
@@ -34,14 +34,14 @@ def light_at(around: Surroundings, place: Vector) -> tuple[NDArray[np.float32], 
     nearest = scipy.spatial.cKDTree(even)
     owner = nearest.query(looks)[1]
     light = np.stack([np.bincount(owner, seen[:, c], len(even)) for c in range(3)], axis=1) * (4.0 * np.pi / LOOKS)
-    single, weights = _clustered(*_single(around, place))
+    single, weights = clustered(*_single(around, place))
     strong = weights.sum(axis=1) > OWN_SUN * (light.sum() + weights.sum())
     np.add.at(light, nearest.query(single[~strong])[1], weights[~strong])
     directions = np.concatenate([even, single[strong]])
     return directions.astype(np.float32), np.concatenate([light, weights[strong]]).astype(np.float32)
 
 
-def _single(around: Surroundings, place: Vector) -> tuple[Directions, NDArray[np.float64]]:
+def _single(around: Surroundings, place: Vector) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Directions (S, 3) of suns and lamps and their irradiance (S, 3) on a surface that faces each."""
     directions, lamps = np.asarray(around.suns.directions, np.float64).reshape(-1, 3), around.lamps
     toward, emitters = [], []
@@ -61,9 +61,11 @@ def _single(around: Surroundings, place: Vector) -> tuple[Directions, NDArray[np
     return np.concatenate([directions, np.reshape(toward, (-1, 3))]), lit
 
 
-def _clustered(directions: Directions, weights: NDArray[np.float64]) -> tuple[Directions, NDArray[np.float64]]:
+def clustered(
+    directions: NDArray[np.float64], weights: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Directions (S, 3) of lights and their irradiance (S, 3), those near a stronger one joined with it."""
-    found: list[tuple[Directions, Directions, NDArray[np.float64]]] = []
+    found: list[tuple[NDArray[np.float64], ...]] = []
     for row in np.argsort(-weights.sum(axis=1), kind="stable"):
         direction, weight = directions[row], weights[row]
         moment = direction * weight.sum()

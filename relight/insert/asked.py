@@ -18,7 +18,7 @@ from typing import Any
 from splat2mesh.base.arrays import Triple
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.inputs import inside
-from splat2mesh.base.specs import clip, parse_spec, plain
+from splat2mesh.base.specs import clip, parse_spec, plain, vector
 from splat2mesh.layout import LARGEST
 from splat2mesh.scene.mesh import Mesh
 
@@ -49,7 +49,7 @@ class AskedInsert:
 
     def __post_init__(self) -> None:
         set_to = object.__setattr__
-        set_to(self, "at", _vector("at", self.at))
+        set_to(self, "at", vector("at", self.at))
         set_to(self, "turn_deg", _number("turn", self.turn_deg, -math.inf, math.inf))
         if self.scale is not None:
             set_to(self, "scale", _number("scale", self.scale, 0.0, LARGEST))
@@ -141,19 +141,10 @@ def _made(file: str, given: Mapping[str, Any]) -> AskedInsert:
     return AskedInsert(file, **fields)
 
 
-def _vector(name: str, value: Any) -> Triple:
-    parts = value.split(",") if isinstance(value, str) else value
-    try:
-        x, y, z = (_number(name, each, -1e12, 1e12) for each in parts)
-    except (TypeError, ValueError):  # InputError is one
-        raise InputError(f"{name} {clip(value)}: expected three numbers, such as 1.5,0,-.6") from None
-    return x, y, z
-
-
 def _albedo(value: Any) -> Triple:
     parts = value.split(",") if isinstance(value, str) else value
     parts = [parts] * 3 if isinstance(parts, (int, float)) else list(parts) * (3 if len(parts) == 1 else 1)
-    red, green, blue = _vector("albedo", parts)
+    red, green, blue = vector("albedo", parts)
     if not all(0.0 <= each <= 1.0 for each in (red, green, blue)):
         raise InputError(f"albedo {clip(value)}: expected one or three linear values from 0 to 1")
     return red, green, blue

@@ -9,9 +9,9 @@ from splat2mesh.base.arrays import Faces, Floats, Integers, Mask, Points
 from splat2mesh.base.threads import ROWS_AT_ONCE
 from splat2mesh.scene.gltftextures import MappedTexture
 
+from ..lamps.gltf_lights import PARTS
 from .refine import MOST_ROUNDS, carried, refined
 
-PARTS = 6
 LATER_PARTS = PARTS // 2
 """Into which each side of a face is cut to find both sides of a mask on it, first and in halved faces."""
 

@@ -19,7 +19,7 @@ from ..lamps.tracing import DRAFT_RAYS, lamplight
 from ..transfer.occluder import BATCH_RAYS
 from ..transfer.sampling import fibonacci_azimuths, hashed_offsets, shoot, tangents, turned
 from ..transfer.sunlight import sunlight
-from .standing import ROOM, Standing
+from .standing import Standing
 from .surroundings import Receiving, Surroundings, Together
 
 OBJECT_RAYS = 256
@@ -129,16 +129,6 @@ def change_at(
         change[before] += _direct(around, Together(around.occluder, places, standing.caster), places)
         change[before] -= _direct(around, Together(around.occluder, places), places)
     return change
-
-
-def in_box(middle: NDArray[np.float64], radius: float, at: Receiving, least: float) -> Mask:
-    """Mask (M,) of the points in the box around all that `in_reach` accepts."""
-    reach = ROOM * radius / np.sqrt(least)
-    low, high = ((middle + side * reach).astype(np.float32) for side in (-1.0, 1.0))
-    inside = (at.origins[:, 0] > low[0]) & (at.origins[:, 0] < high[0])
-    for axis in (1, 2):
-        inside &= (at.origins[:, axis] > low[axis]) & (at.origins[:, axis] < high[axis])
-    return np.asarray(inside)
 
 
 def in_reach(middle: NDArray[np.float64], radius: float, at: Receiving, least: float = LEAST_CONE) -> Mask:

@@ -19,7 +19,6 @@ from ..planning.costs import FOLLOWED
 from ..transfer.occluder import Frame
 from .asked import AskedInsert
 from .gathering import Casting, change_at, light_on
-from .hidden import HiddenLight
 from .objects import InsertedObject, read_object
 from .placing import placed_by
 from .standing import Standing
@@ -35,10 +34,7 @@ RAYS = 32
 """Rays from each vertex to each object, in the first pass over what it changes."""
 
 GLIMPSE_RAYS, GLIMPSE_CONE = 8, 1.0 / 16.0
-"""Rays of a quick preview with lamps, and the part of a hemisphere that an object must fill to be considered in it."""
-
-STRENGTHS = 0.5, 2.0
-"""Least and largest factor on the logarithm of a quick preview."""
+"""Rays of a quick preview, and the part of a hemisphere that an object must fill to be considered in it."""
 
 LEAST_RATIO = 0.03
 """Least share of the light that remains: no shadow is black, and captured colours do not resolve darker ones."""
@@ -148,21 +144,13 @@ class Inserts:
         return InsertedLight(self, around, received, light, radiance, direct, self._later(direct))
 
     def glimpse(self, before: "InsertedLight") -> "InsertedLight":
-        """Return an approximation without bounces. before: the result for the same objects at other positions, whose
-        light they keep.
-
-        In soft light it hides what arrived at the last exact position, as strong as the exact result there. Under lamps
-        and strong suns it traces few rays, which find their shadows better.
-        """
-        around, none = before.around, np.zeros_like(before.direct)
-        kept = around, before.received, before.light, before.radiance
-        exact = before if before.exact is None else before.exact
-        if around.lamps is None and not any(each.suns for each in before.hidden):
-            return InsertedLight(self, *kept, none, none, exact, hides=True)
+        """Return an approximation by few rays, without bounces. before: the result for the same objects at other
+        positions, whose light they keep."""
+        around = before.around
         at, seed = Receiving(around.occluder.origins, around.occluder.normals), self.relighter.seed
-        how = Casting(GLIMPSE_RAYS, seed, GLIMPSE_CONE)
-        change = change_at(around, self.standing, before.radiance, how, at)
-        return InsertedLight(self, *kept, change, none, exact)
+        change = change_at(around, self.standing, before.radiance, Casting(GLIMPSE_RAYS, seed, GLIMPSE_CONE), at)
+        kept = before.received, before.light, before.radiance
+        return InsertedLight(self, around, *kept, change, np.zeros_like(change))
 
     def _later(self, direct: NDArray[np.float32]) -> NDArray[np.float32]:
         """Change of the light that surfaces bounce to each other, for a change of light (V, 3) on them."""
@@ -192,8 +180,7 @@ class InsertedLight:
 
     around: the light without them. received: (V, 3) irradiance over pi in it. light: (W, 3) float32 irradiance over pi
     of the objects. radiance: (W, 3) their exit radiance. direct, later: (V, 3) change of the scene's irradiance over
-    pi, direct and by bounces. exact: of a glimpse, the light that it is taken from; None without. hides: whether it
-    shows what the objects hide of that light, instead of the change.
+    pi, direct and by bounces.
     """
 
     inserts: Inserts
@@ -203,45 +190,20 @@ class InsertedLight:
     radiance: NDArray[np.float32]
     direct: NDArray[np.float32]
     later: NDArray[np.float32]
-    exact: "InsertedLight | None" = None
-    hides: bool = False
 
     @property
     def standing(self) -> Standing:
         return self.inserts.standing
 
-    @property
-    def _at(self) -> Receiving:
-        return Receiving(self.around.occluder.origins, self.around.occluder.normals)
-
     @cached_property
     def softness(self) -> float:
         """Added to all irradiance before comparison."""
-        return SOFTNESS * float(np.median(self.received)) if self.exact is None else self.exact.softness
-
-    @cached_property
-    def hidden(self) -> "list[HiddenLight]":
-        """What each object hides of the light that arrives at it."""
-        if self.exact is not None and self.around.lamps is None:
-            return self.exact.hidden
-        standing = self.standing
-        return [HiddenLight.of(self.around, standing, number, self.radiance) for number in range(len(standing.objects))]
-
-    @cached_property
-    def strength(self) -> float:
-        """Factor on the logarithms of that which fits the exact ratio best: bounces, and what other surfaces hide."""
-        if self.exact is not None and self.hides:
-            return self.exact.strength
-        found, exact = np.log(_ratio_of(self.standing, self.hidden, self._at, 1.0)), np.log(self.ratio)
-        own = float((found * found).sum(dtype=np.float64))
-        return float(np.clip((found * exact).sum(dtype=np.float64) / own, *STRENGTHS)) if own > 0.0 else 1.0
+        return SOFTNESS * float(np.median(self.received))
 
     @cached_property
     def ratio(self) -> NDArray[np.float32]:
         """(V, 3) ratio of the light at the scene's vertices with and without the objects; exactly 1 where no change is
         visible."""
-        if self.hides:
-            return _ratio_of(self.standing, self.hidden, self._at, self.strength)
         return self.compared(self.received, self.direct + self.later)
 
     def compared(self, received: NDArray[np.float32], change: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -269,16 +231,3 @@ class InsertedLight:
         each = [self.splat_put_in(number, exposure) for number in range(len(self.standing.objects))]
         found = [splats for splats in each if splats is not None]
         return joined(found) if found else None
-
-
-def _ratio_of(standing: Standing, hidden: "list[HiddenLight]", at: Receiving, strength: float) -> NDArray[np.float32]:
-    """The ratio (V, 3) of light with and without objects, by what they hide, times a strength."""
-    logs = np.zeros(at.origins.shape, np.float32)
-    for each in hidden:
-        rows = np.flatnonzero(each.reached(standing, at, GLIMPSE_CONE))
-        logs[rows] += each.logarithms(standing, at.of(rows))
-    rows = np.flatnonzero(logs[:, 1])
-    ratio = np.ones_like(logs)
-    shown = np.float32(strength) * logs[rows]
-    ratio[rows] = np.where(np.abs(shown) > LEAST_CHANGE, np.exp(np.maximum(shown, np.log(LEAST_RATIO))), 1.0)
-    return ratio

@@ -69,7 +69,6 @@ def settings_of(request: "RelightRequest", env: "AnyLight", angle_deg: float) ->
         "angles_deg": sorted({_reduced(angle) for angle in request.angles_deg}),  # which share plan and exposure
         "albedo": _described(request.albedo),
         "capture_env": _described(request.capture_env),
-        "capture_tint": request.capture_tint,
         "white_at": request.white_at,
         "exposure_ev": request.exposure_ev,
         "sky": request.sky,

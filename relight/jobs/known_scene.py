@@ -24,14 +24,13 @@ from ..engine.relighter import Relighter
 from ..engine.tint import color_where_white, retinted
 from ..gloss import SceneGloss
 from ..insert.asked import AskedInsert
-from ..insert.insert_plan import evenly_lit, plan_inserts
 from ..insert.inserts import Inserts
 from ..insert.objects import read_object
 from ..insert.splat_insert import splat_object
 from ..light import CAPTURED
 from ..light.environment import Environment
 from ..light.loading import light_of
-from ..output.pass_files import moved_view
+from ..output.picture import in_frame
 from ..request import RelightRequest
 from ..splats import Binding
 from ..splats.closed_floor import closed_floor
@@ -45,7 +44,6 @@ from .inputs import Inputs
 from .meshing import is_scene, of_splats, scene_at_hand
 
 if TYPE_CHECKING:
-    from ..insert.insert_plan import InsertPlan
     from ..insert.objects import InsertedObject
     from ..splats.floor_mirror import FloorMirror
     from ..texture import Baked
@@ -247,19 +245,15 @@ class KnownScene:
         return "appearance" in vars(self)
 
     def _retinted(self, look: Appearance) -> Appearance:
-        """The Appearance under a captured light of the requested colour, if any."""
-        tint, place = self._request.capture_tint, self._request.white_at
-        if tint is None and place is None:
+        """The Appearance under a captured light of the colour that makes a requested place white, if any."""
+        place = self._request.white_at
+        if place is None:
             return look
-        name = "capture_tint" if place is None else "white_at"
         if look.environment is None or look.place is not Place.OPEN or not (look.capture or {}).get("separable"):
             raise InputError(
-                f"`{name}`: it changes the light that a splat of an object or an open place was captured in"
+                "`white_at`: it changes the light that a splat of an object or an open place was captured in"
             )
-        bounced = bounced_light(self.relighter)
-        if place is None:
-            return retinted(look, np.asarray(tint, np.float64), bounced)
-        matrix = np.asarray(self.scene.scene_from_splat, np.float64)
+        bounced, matrix = bounced_light(self.relighter), np.asarray(self.scene.scene_from_splat, np.float64)
         at = matrix[:3, :3] @ np.asarray(place) + matrix[:3, 3]
         color = color_where_white(look, bounced, self.scene.vertices, self.scene.diagonal, at)
         return retinted(look, color, bounced)
@@ -284,15 +278,6 @@ class KnownScene:
         if not self.inputs.asked_inserts:
             return None
         return Inserts(self.inputs.asked_inserts, self.relighter, lambda: self.appearance, self._object_of)
-
-    @property
-    def insert_plan(self) -> "InsertPlan | None":
-        """The share of the scene that the objects change, and its cost; None without objects."""
-        if self.inserts is None:
-            return None
-        around = evenly_lit(self.scene, self.relighter.occluder)
-        shown = self.inputs.splats if self.inputs.shows_splats else None
-        return plan_inserts(self.inserts.standing, self.scene, around, None if shown is None else shown[0])
 
     def _object_of(self, asked: AskedInsert) -> "InsertedObject":
         """A requested object. A splat is meshed first, like a scene, and its captured light is removed."""
@@ -320,7 +305,8 @@ class KnownScene:
             views = usable_views(given)
         if not views:
             raise InputError(f"`cameras` {given}: expected cameras that see the scene, found none")
-        return [moved_view(view, self.inputs.read_scene.scene_from_splat) for view in views]
+        splat_from_scene = np.linalg.inv(self.inputs.read_scene.scene_from_splat)
+        return [in_frame(view, splat_from_scene)[0] for view in views]
 
     def capture_env(self) -> Environment | None:
         """The known light of the capture, if there is one."""

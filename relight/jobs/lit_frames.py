@@ -159,7 +159,6 @@ class LitFrames:
             albedo=None if separable else "captured",
             lighting=replace(asked.lighting, captured_sun=None, captured_sky=None, captured_light=known),
             capture_env=None,
-            capture_tint=None,
             white_at=None,
             exposure_ev=math.log2(self._shaded[0].exposure),
             caching="none",

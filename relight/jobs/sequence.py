@@ -37,7 +37,7 @@ from .lit_frames import LitFrames
 from .meshing import SceneAtHand, scene_at_hand
 from .writer import report_of
 
-HEEDED = {"scene", "env", "lighting", "angles_deg", "sun", "at", "north_deg", "capture_env", "capture_tint", "white_at"}
+HEEDED = {"scene", "env", "lighting", "angles_deg", "sun", "at", "north_deg", "capture_env", "white_at"}
 HEEDED |= {
     "exposure_ev",
     "formats",

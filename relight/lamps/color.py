@@ -12,7 +12,7 @@ import numpy as np
 
 from splat2mesh.base.arrays import Triple
 from splat2mesh.base.errors import InputError
-from splat2mesh.scene.color import linear_from_srgb
+from splat2mesh.scene.color import linear_from_srgb, luminance
 
 from ..light.color_spaces import REC709, xyz_from_rgb
 from .shapes import checked_light
@@ -40,12 +40,6 @@ NAMES = {
 """sRGB of the other names: those of CSS, but green is its lime, which is what a green lamp shows."""
 
 _XYZ_FROM_RGB = np.asarray(xyz_from_rgb(REC709))
-
-
-def luminance(color_linear: Sequence[float]) -> float:
-    """Rec. 709 luminance of linear RGB (3,)."""
-    red, green, blue = (float(each) for each in color_linear)
-    return 0.2126 * red + 0.7152 * green + 0.0722 * blue
 
 
 def parse_color(value: str | Sequence[float]) -> Triple:
@@ -91,7 +85,7 @@ def blackbody(kelvin: float) -> Triple:
 
 
 def _of_luminance_1(color: Triple) -> Triple:
-    bright = luminance(color)
+    bright = float(luminance(color))
     red, green, blue = (each / bright if bright > 0.0 else math.inf for each in color)
     if not max(red, green, blue) < math.inf:
         raise InputError(f"`color` {','.join(f'{each:g}' for each in color)}: a lamp cannot be black")

@@ -5,14 +5,16 @@ They are in units of the picture: where radiance 1 shows as white, so does a whi
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from splat2mesh.base.arrays import Triple
+from splat2mesh.base.specs import vector
+from splat2mesh.scene.color import luminance
 
-from .color import WHITE, luminance
+from .color import WHITE
 from .gltf_lights import PUNCTUAL
 from .photometry import area_normals, axis_intensity, flux
 from .shapes import Lamp, MeshLamp, ProfileLamp, RectangleLamp, SphereLamp, SpotLamp, TubeLamp
@@ -86,11 +88,12 @@ def _punctual(lamp: Lamp) -> SphereLamp | SpotLamp:
             if spot is not None:
                 return spot
             center = np.array(lamp.position)
-    return SphereLamp(_vector(center), intensity=_vector(flux(lamp) / (4.0 * np.pi)))
+    return SphereLamp(vector("position", center), intensity=vector("intensity", flux(lamp) / (4.0 * np.pi)))
 
 
 def _panel(center: NDArray, normal: NDArray, intensity: NDArray) -> SpotLamp:
-    return SpotLamp(_vector(center), _vector(center + normal), _vector(intensity), WIDEST_DEG, 0.0)
+    position, target = vector("position", center), vector("target", center + normal)
+    return SpotLamp(position, target, vector("intensity", intensity), WIDEST_DEG, 0.0)
 
 
 def _spot_of(lamp: ProfileLamp) -> SpotLamp | None:
@@ -105,9 +108,7 @@ def _spot_of(lamp: ProfileLamp) -> SpotLamp | None:
         return None
     field = max(field, 0.1)
     shape = SpotLamp(lamp.position, lamp.target, WHITE, field, min(beam, field), lamp.radius)
-    return SpotLamp(
-        *(lamp.position, lamp.target, _vector(flux(lamp) / flux(shape)), field, min(beam, field), lamp.radius)
-    )
+    return replace(shape, intensity=vector("intensity", flux(lamp) / flux(shape)))
 
 
 def _hue(light: Sequence[float] | NDArray) -> tuple[list[float], float]:
@@ -132,10 +133,5 @@ def _rotation(ahead: NDArray) -> NDArray[np.float64]:
 def _faces(lamp: MeshLamp) -> tuple[NDArray, NDArray, NDArray]:
     """Normals as long as the areas (M, 3), middles (M, 3), and luminance x area (M,) of the faces."""
     normals = area_normals(lamp)
-    shine = np.broadcast_to(lamp.radiance, (len(normals), 3)) @ [0.2126, 0.7152, 0.0722]
+    shine = luminance(np.broadcast_to(lamp.radiance, (len(normals), 3)))
     return normals, lamp.vertices[lamp.faces].mean(axis=1), np.linalg.norm(normals, axis=1) * shine
-
-
-def _vector(values: NDArray) -> Triple:
-    x, y, z = values.tolist()
-    return x, y, z

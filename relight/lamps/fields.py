@@ -14,7 +14,8 @@ import numpy as np
 from splat2mesh.base.arrays import Triple
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.inputs import inside
-from splat2mesh.base.specs import clip
+from splat2mesh.base.specs import clip, vector
+from splat2mesh.scene.color import luminance
 
 from .asked import (
     BULB_M,
@@ -26,7 +27,7 @@ from .asked import (
     in_picture_units,
     parse_brightness,
 )
-from .color import TEMPERATURES, WHITE, blackbody, luminance, parse_color
+from .color import TEMPERATURES, WHITE, blackbody, parse_color
 from .gltf_lights import read_glow
 from .ies import read_profile
 from .shapes import (
@@ -38,7 +39,6 @@ from .shapes import (
     TubeLamp,
     checked_light,
     checked_size,
-    checked_vector,
 )
 
 FIELDS = {
@@ -96,17 +96,6 @@ def meant(word: str, known: Iterable[str]) -> str:
     """A suggestion for an unknown word, as the end of a phrase."""
     near = difflib.get_close_matches(str(word).lower()[:40], list(known), 1)
     return f"; did you mean {near[0]}?" if near else ""
-
-
-def vector(name: str, value: Any) -> Triple:
-    """Three finite numbers, of a list or of a text with commas. Raises InputError."""
-    parts = value.split(",") if isinstance(value, str) else value
-    if isinstance(parts, (list, tuple)) and len(parts) == 3:
-        try:
-            return checked_vector(name, [float(each) for each in parts])
-        except (TypeError, ValueError):  # InputError is one
-            pass
-    raise InputError(f"`{name}` {clip(value)}: expected three numbers, such as 1.5,1.5,-1.5")
 
 
 def _named(kind: str, given: Mapping[str, Any]) -> dict[str, Any]:
@@ -295,9 +284,9 @@ def changed(asked: AskedLamp, fields: Mapping[str, Any]) -> AskedLamp:
     if "color" in fields:
         color = parse_color(fields["color"])
         if brightness.unit == "picture":  # which is a factor of shape and colour
-            brightness = Brightness(brightness.value * luminance(asked.color), "picture")
+            brightness = Brightness(brightness.value * float(luminance(asked.color)), "picture")
         if isinstance(shape, MeshLamp):  # its own colours become shades of that one
-            grey = np.repeat((shape.radiance @ [0.2126, 0.7152, 0.0722])[..., None], 3, axis=-1)
+            grey = np.repeat(luminance(shape.radiance)[..., None], 3, axis=-1)
             shape = MeshLamp(shape.vertices, shape.faces, grey, shape.two_sided)
     if "brightness" in fields:
         brightness = parse_brightness(fields["brightness"])

@@ -23,7 +23,7 @@ from .shapes import Lamp, MeshLamp, SphereLamp, SpotLamp
 
 PUNCTUAL = "KHR_lights_punctual"
 
-_PARTS = 6
+PARTS = 6
 """Into which each side of a face is cut, to look it up in its texture in the middle of each of the 36 triangles."""
 
 
@@ -138,9 +138,9 @@ def _emission(data: GltfData, piece: Piece, corners: NDArray, textures: Textures
 
 
 def _middles() -> NDArray[np.float64]:
-    """Weights of a face's corners (_PARTS^2, 3)."""
-    a, b = (each.ravel() for each in np.mgrid[0:_PARTS, 0:_PARTS])
-    upright, turned = a + b < _PARTS, a + b < _PARTS - 1
-    first = np.concatenate([a[upright] + 1 / 3, a[turned] + 2 / 3]) / _PARTS
-    second = np.concatenate([b[upright] + 1 / 3, b[turned] + 2 / 3]) / _PARTS
+    """Weights of a face's corners (PARTS^2, 3)."""
+    a, b = (each.ravel() for each in np.mgrid[0:PARTS, 0:PARTS])
+    upright, turned = a + b < PARTS, a + b < PARTS - 1
+    first = np.concatenate([a[upright] + 1 / 3, a[turned] + 2 / 3]) / PARTS
+    second = np.concatenate([b[upright] + 1 / 3, b[turned] + 2 / 3]) / PARTS
     return np.stack([1.0 - first - second, first, second], axis=1)

@@ -9,8 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from splat2mesh.base.arrays import Triple
 from splat2mesh.base.errors import InputError
+from splat2mesh.base.specs import vector
 
-from .shapes import Lamp, MeshLamp, ProfileLamp, RectangleLamp, SphereLamp, SpotLamp, TubeLamp, checked_vector
+from .shapes import Lamp, MeshLamp, ProfileLamp, RectangleLamp, SphereLamp, SpotLamp, TubeLamp
 
 STRETCH = 1e-3
 """Relative difference of the lengths of axes from which a motion is no turn with a scale."""
@@ -29,13 +30,13 @@ def moved(lamp: Lamp, matrix: ArrayLike) -> Lamp:
         raise InputError("lamps cannot follow a motion that scales the axes differently")
 
     def point(place: ArrayLike) -> Triple:
-        return _vector(motion[:3, :3] @ np.asarray(place, np.float64) + motion[:3, 3])
+        return vector("place", motion[:3, :3] @ np.asarray(place, np.float64) + motion[:3, 3])
 
     def way(direction: ArrayLike) -> Triple:
-        return _vector(motion[:3, :3] @ np.asarray(direction, np.float64))
+        return vector("direction", motion[:3, :3] @ np.asarray(direction, np.float64))
 
     def light(intensity: Triple) -> Triple:
-        return _vector(np.asarray(intensity) * scale**2)
+        return vector("intensity", np.asarray(intensity) * scale**2)
 
     if isinstance(lamp, SphereLamp):
         intensity = None if lamp.intensity is None else light(lamp.intensity)
@@ -56,10 +57,5 @@ def moved(lamp: Lamp, matrix: ArrayLike) -> Lamp:
 def shifted(lamp: Lamp, by: Triple) -> Lamp:
     """Return a lamp moved by a vector, in its own unit of length. Raises InputError for one that is not finite."""
     motion = np.eye(4)
-    motion[:3, 3] = checked_vector("at", by)
+    motion[:3, 3] = vector("at", by)
     return moved(lamp, motion)
-
-
-def _vector(values: NDArray[np.float64]) -> Triple:
-    x, y, z = (float(value) for value in values)
-    return x, y, z

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Triple
 from splat2mesh.base.errors import InputError
+from splat2mesh.base.specs import vector
 
 from ..light import MOST_RADIANCE
 
@@ -33,7 +34,7 @@ class SphereLamp:
     intensity: Triple | None = None
 
     def __post_init__(self) -> None:
-        _keep(self, "position", checked_vector("position", self.position))
+        _keep(self, "position", vector("position", self.position))
         _keep(self, "radius", checked_size("radius", self.radius, least=0.0))
         if (self.radiance is None) == (self.intensity is None):
             raise InputError("`radiance`: a sphere has either a radiance or an intensity")
@@ -62,8 +63,8 @@ class SpotLamp:
     radius: float = 0.0
 
     def __post_init__(self) -> None:
-        _keep(self, "position", checked_vector("position", self.position))
-        _keep(self, "target", checked_vector("target", self.target))
+        _keep(self, "position", vector("position", self.position))
+        _keep(self, "target", vector("target", self.target))
         _keep(self, "intensity", checked_light("intensity", self.intensity))
         _keep(self, "radius", checked_size("radius", self.radius, least=0.0))
         if self.position == self.target:
@@ -94,7 +95,7 @@ class RectangleLamp:
 
     def __post_init__(self) -> None:
         for name in ("center", "edge_u", "edge_v"):
-            _keep(self, name, checked_vector(name, getattr(self, name)))
+            _keep(self, name, vector(name, getattr(self, name)))
         _keep(self, "radiance", checked_light("radiance", self.radiance))
         if not np.linalg.norm(np.cross(self.edge_u, self.edge_v)) > 0.0:
             raise InputError("`edge_u`, `edge_v`: the sides span no rectangle")
@@ -113,8 +114,8 @@ class TubeLamp:
     radiance: Triple
 
     def __post_init__(self) -> None:
-        _keep(self, "start", checked_vector("start", self.start))
-        _keep(self, "end", checked_vector("end", self.end))
+        _keep(self, "start", vector("start", self.start))
+        _keep(self, "end", vector("end", self.end))
         _keep(self, "radius", checked_size("radius", self.radius))
         _keep(self, "radiance", checked_light("radiance", self.radiance))
         if self.start == self.end:
@@ -173,7 +174,7 @@ class ProfileLamp:
 
     def __post_init__(self) -> None:
         for name in ("position", "target"):
-            _keep(self, name, checked_vector(name, getattr(self, name)))
+            _keep(self, name, vector(name, getattr(self, name)))
         if self.position == self.target:
             raise InputError("`target`: it lies at the position of its lamp, so the light has no direction")
         _keep(self, "intensity", checked_light("intensity", self.intensity))
@@ -191,20 +192,9 @@ class ProfileLamp:
 Lamp: TypeAlias = SphereLamp | SpotLamp | RectangleLamp | TubeLamp | MeshLamp | ProfileLamp
 
 
-def checked_vector(name: str, value: Sequence[float] | None) -> Triple:
-    """Three finite numbers. Raises InputError that names the field."""
-    try:
-        x, y, z = (float(each) for each in (() if value is None else value))
-    except (TypeError, ValueError):
-        raise InputError(f"`{name}`: expected three numbers, found {value}") from None
-    if not all(math.isfinite(each) for each in (x, y, z)):
-        raise InputError(f"`{name}`: expected finite numbers, found {value}")
-    return x, y, z
-
-
 def checked_light(name: str, value: Sequence[float] | None) -> Triple:
     """Linear RGB from 0 to MOST_RADIANCE. Raises InputError that names the field."""
-    red, green, blue = checked_vector(name, value)
+    red, green, blue = vector(name, value)
     if not all(0.0 <= each <= MOST_RADIANCE for each in (red, green, blue)):
         raise InputError(f"`{name}`: expected numbers from 0 to {MOST_RADIANCE:g}, found {value}")
     return red, green, blue

@@ -18,10 +18,10 @@ from typing import Any
 
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.inputs import quiet_numbers
-from splat2mesh.base.specs import clip, parse_spec, plain
+from splat2mesh.base.specs import clip, parse_spec, plain, vector
 
 from .asked import AskedLamp
-from .fields import FIELDS, asked_lamp, changed, meant, vector
+from .fields import FIELDS, asked_lamp, changed, meant
 from .files import LAMP_SUFFIXES, read_lamps
 from .moving import shifted
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from splat2mesh.base.arrays import Floats, Radiance
 from splat2mesh.scene.color import luminance
 
-from ..insert.arriving import OWN_SUN
+from ..insert.arriving import OWN_SUN, clustered
 from ..light import CAPTURED, SUN_TOLERANCE
 from ..light.environment import Environment
 from ..light.pooling import pooled
@@ -24,9 +24,6 @@ IMAGE = GRID
 
 MOST_SUNS = 4
 """Most suns, since each costs the renderer a shadow map. The harmonics blur the remaining light."""
-
-NEAR_DEG = 3.0
-"""Angle within which suns merge: half the width of a soft shadow edge of 10 bands."""
 
 
 class PortableLight(NamedTuple):
@@ -69,7 +66,7 @@ def captured_alone(factor: float, unit: float = 1.0) -> PortableLight:
 def light_of(environment: Environment, exposure: float, lamps: float = 0.0) -> PortableLight:
     """The Light of an Environment, as turned."""
     suns = split(environment, BANDS, SUN_TOLERANCE, MOST_SUNS)[1]
-    suns, least = _joined(suns), OWN_SUN * np.pi * environment.mean_luminance
+    suns, least = Suns(*clustered(suns.directions, suns.weights)), OWN_SUN * np.pi * environment.mean_luminance
     kept = luminance(suns.weights) > least
     suns = Suns(suns.directions[kept], suns.weights[kept])
     image = pooled(environment.radiance, IMAGE)
@@ -82,22 +79,6 @@ def light_of(environment: Environment, exposure: float, lamps: float = 0.0) -> P
     rest, mean = whole - about_y(suns.sh(BANDS)), environment.mean_luminance
     shown: NDArray[np.float32] = image.astype(np.float32)
     return PortableLight(environment.name, shown, rest, whole, suns, float(exposure), mean, float(lamps))
-
-
-def _joined(suns: Suns) -> Suns:
-    """Merge suns closer than NEAR_DEG: a disc needs one shadow."""
-    directions: list[NDArray[np.float64]] = []
-    weights: list[NDArray[np.float64]] = []
-    for direction, weight in zip(suns.directions, suns.weights, strict=True):
-        close = [i for i, other in enumerate(directions) if other @ direction > np.cos(np.radians(NEAR_DEG))]
-        if close:
-            i = close[0]
-            moved = directions[i] * luminance(weights[i]) + direction * luminance(weight)
-            directions[i], weights[i] = moved / np.linalg.norm(moved), weights[i] + weight
-        else:
-            directions.append(direction)
-            weights.append(weight)
-    return Suns(np.array(directions), np.array(weights)) if directions else suns
 
 
 def capture_light(response: Response, shares: Floats, lamps: float = 0.0) -> PortableLight | None:
@@ -121,7 +102,7 @@ def capture_light(response: Response, shares: Floats, lamps: float = 0.0) -> Por
     if not (np.isfinite(light).all() and light[0].min() > 0.0):
         return None
     image = np.maximum(evaluate(texel_directions(*IMAGE).reshape(-1, 3), BANDS) @ light, 0.0)
-    mean = float(light[0] @ [0.2126, 0.7152, 0.0722]) / np.sqrt(4.0 * np.pi)
+    mean = float(luminance(light[0])) / np.sqrt(4.0 * np.pi)
     image = image.reshape(*IMAGE, 3).astype(np.float32)
     return PortableLight("capture", image, light, light, Suns.none(), 1.0, mean, float(lamps))
 

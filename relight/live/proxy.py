@@ -5,9 +5,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from splat2mesh.base.arrays import Faces, Points
+from splat2mesh.base.arrays import Faces
 from splat2mesh.base.outputs import staged_file
 from splat2mesh.scene.glb import Glb
+from splat2mesh.scene.mesh import vertex_normals
 
 
 def write_proxy(path: Path, vertices: NDArray[np.float32], faces: Faces) -> None:
@@ -21,18 +22,6 @@ def proxy_glb(vertices: NDArray[np.float32], faces: Faces, normals: bool = True)
     file = Glb("relight")
     attributes = {"POSITION": file.positions(vertices)}
     if normals:
-        attributes["NORMAL"] = file.values(vertex_normals(vertices, faces).astype(np.float32))
+        attributes["NORMAL"] = file.values(vertex_normals(vertices, faces))
     file.mesh("proxy", attributes, indices=file.triangles(faces))
     return file.content()
-
-
-def vertex_normals(vertices: Points, faces: Faces) -> NDArray[np.float64]:
-    """Unit normals (V, 3) float64, means of the faces around by area; +y where there is none."""
-    a, b, c = vertices[faces.T].astype(np.float64)
-    normal = np.cross(b - a, c - a)
-    sums = np.zeros((len(vertices), 3))
-    for axis in range(3):
-        for corner in faces.T:
-            sums[:, axis] += np.bincount(corner, normal[:, axis], len(vertices))
-    length = np.linalg.norm(sums, axis=1, keepdims=True)
-    return np.where(length > 1e-30, sums / np.maximum(length, 1e-30), [0.0, 1.0, 0.0])

@@ -1,6 +1,5 @@
 """A soft shadow on the ground under an object: the light from above that it occludes."""
 
-from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -78,19 +77,7 @@ class Catcher:
     def under(self, environment: "Environment") -> "GroundLight":
         """The ground in a light."""
         arriving = self._arriving(environment)
-        return self._shaded(np.einsum("kp,kc->pc", self._open.astype(np.float32), arriving), arriving)
-
-    def quickly_under(self, environment: "Environment") -> "GroundLight":
-        """The same to rounding, for one light after another."""
-        arriving = self._arriving(environment)
-        return self._shaded(self._openness @ arriving, arriving)
-
-    @cached_property
-    def _openness(self) -> NDArray[np.float32]:
-        return np.ascontiguousarray(self._open.T, np.float32)
-
-    def _shaded(self, lit: NDArray[np.float32], arriving: NDArray[np.float32]) -> "GroundLight":
-        whole = arriving.sum(axis=0)
+        lit, whole = np.einsum("kp,kc->pc", self._open.astype(np.float32), arriving), arriving.sum(axis=0)
         share = np.divide(lit, whole, out=np.ones_like(lit), where=whole > 0.0).reshape(self._side, self._side, 3)
         share = scipy.ndimage.gaussian_filter(share, (BLUR, BLUR, 0), mode="nearest")
         return GroundLight(self.height, self._middle, REACH * self._radius, share)
@@ -125,6 +112,16 @@ class GroundLight(NamedTuple):
     reach: float
     shares: NDArray[np.float32]
 
+    def share_seen(self, eye: NDArray, directions: NDArray) -> NDArray[np.float32]:
+        """The same (N, 3) of the ground that an eye (3,) above it sees in directions (N, 3), scene frame; 1 where it
+        sees none."""
+        share, above = np.ones((len(directions), 3), np.float32), float(eye[1]) - self.height
+        met = -directions[:, 1] > 1e-3
+        if above > 0.0 and met.any():
+            reached = directions[met] * (above / -directions[met, 1])[:, None]
+            share[met] = self.share(np.stack([eye[0] + reached[:, 0], eye[2] + reached[:, 2]], axis=-1))
+        return share
+
     def share(self, points: NDArray) -> NDArray[np.float32]:
         """Share (N, 3) float32 of the light from above that reaches points (N, 2) of the ground: x and z."""
         # What is still in shadow at the rim of the square fades out there, without an edge.
@@ -150,15 +147,7 @@ def _spread(u: NDArray) -> NDArray:
     return u * (CROWDED + (1.0 - CROWDED) * u * u)
 
 
-STEPS = np.linspace(-1.0, 1.0, 2001)
-"""Even steps at which `_spread` is known where it is inverted."""
-
-
-def gathered_steps() -> NDArray[np.float32]:
-    """`_gathered` at even steps from -1 to 1, half as wide as STEPS, as a table."""
-    return _gathered(np.linspace(-1.0, 1.0, 2 * len(STEPS) - 1)).astype(np.float32)
-
-
 def _gathered(position: NDArray) -> NDArray:
-    """The inverse of `_spread`, between the steps of a table: to within a thousandth of a point."""
-    return np.interp(position, _spread(STEPS), STEPS)
+    """The inverse of `_spread`: the real root of its cubic, Cardano's."""
+    root = np.sqrt(CROWDED / (3.0 * (1.0 - CROWDED)))
+    return np.asarray(2.0 * root * np.sinh(np.arcsinh(1.5 * position / (CROWDED * root)) / 3.0))

@@ -2,7 +2,7 @@
 
 import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,9 +19,6 @@ from .live_glb import FILE, write_live_glb
 from .proxy import PLAYCANVAS_FROM_SPLAT, write_proxy_glb
 from .splat_glb import write_splat_glb
 from .subject import LitFolder, WrittenScene
-
-if TYPE_CHECKING:
-    pass
 
 PROXY, COLLISION = "proxy.glb", "albedo_splat.collision.glb"
 

@@ -10,6 +10,7 @@ from splat2mesh.scene.color import luminance, srgb_from_linear
 from ..light.tonemap import compress_highlights
 from ..sh import harmonics
 from .backdrop import behind
+from .sheet import MARK
 
 if TYPE_CHECKING:
     from splat2mesh.render.view import View
@@ -19,11 +20,10 @@ if TYPE_CHECKING:
 SIZE = 0.042
 """Radius of a ball, of the picture's height."""
 
-SAMPLES = 3  # along a pixel's side
+SAMPLES = 2  # along a pixel's side
 GREY = 0.5  # albedo of the matt ball
 CHROME = 0.9  # reflectance of the other
 PLATE = 0.12, 0.55  # display value and opacity of what the balls lie on
-ARROW = np.array([1.0, 0.78, 0.25])  # display colour, seen on light and on dark
 STEEP = 0.35  # sine of the angle to the line of sight below which an arrow would be a dot
 
 
@@ -65,7 +65,7 @@ def add_inset(
 
 def _chrome(normal: NDArray, axes: NDArray, environment: "Environment", exposure: float) -> NDArray:
     mirrored = np.array([0.0, 0.0, 1.0]) - 2.0 * normal[:, 2:] * normal  # the line of sight, (0, 0, 1), thrown back
-    return CHROME * behind(environment, mirrored @ axes, np.pi / 90.0, exposure)
+    return CHROME * behind(environment, mirrored @ axes, exposure)
 
 
 def _matt(normal: NDArray, axes: NDArray, environment: "Environment", exposure: float) -> NDArray[np.float32]:
@@ -103,4 +103,4 @@ def _draw_arrow(
         shaft = (along > 1.2) & (along < 1.65) & (aside < 0.09)
         head = (along > 1.05) & (along < 1.4) & (aside < (along - 1.05) * 0.65)
         ring = shaft | head
-    color[ring], cover[ring] = ARROW, 1.0
+    color[ring], cover[ring] = np.divide(MARK, 255.0), 1.0

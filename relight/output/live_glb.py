@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from splat2mesh.scene.drawn import Drawn
 from splat2mesh.scene.glb import Glb, matt_white
 
+from ..sh.normals import unit_normals
 from ..transfer import FEW_BANDS
 from .gloss_map import coordinates, glossy_white
 from .lamps_glb import ShownLight, add_lamps
-from .mesh_files import unit_normals
 
 if TYPE_CHECKING:
     from splat2mesh.scene.scene import Scene

@@ -4,14 +4,13 @@ Every writer takes `radiance`, (V, 3) linear in the scene's vertex order, and wr
 """
 
 import os
-import warnings
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pygltflib as gltf
 from numpy.typing import NDArray
 
-from splat2mesh.base.errors import DataWarning, InputError
+from splat2mesh.base.errors import InputError
 from splat2mesh.base.outputs import staged_file
 from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
 from splat2mesh.scene.drawn import Drawn
@@ -19,6 +18,7 @@ from splat2mesh.scene.glb import Glb
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.meshfile import write_mesh_ply
 
+from ..sh.normals import unit_normals
 from .lamps_glb import NO_LAMPS, PlacedLamps, add_lamps
 
 if TYPE_CHECKING:
@@ -96,17 +96,6 @@ def check_radiance(scene: "Scene", radiance: NDArray) -> NDArray:
             "check the environment for NaN and infinity"
         )
     return radiance
-
-
-def unit_normals(normals: NDArray) -> NDArray[np.float32]:
-    """(V, 3) float32 of unit length, as glTF demands; +y, with a DataWarning, where a normal has no direction."""
-    normals = np.nan_to_num(np.asarray(normals, np.float64), posinf=0.0, neginf=0.0)
-    length = np.linalg.norm(normals, axis=1, keepdims=True)
-    undefined = length[:, 0] < 1e-12
-    if undefined.any():
-        warnings.warn(f"wrote {undefined.sum()} vertices without a normal with +y", DataWarning, stacklevel=3)
-    unit = np.where(undefined[:, None], [0.0, 1.0, 0.0], normals / np.where(length > 0.0, length, 1.0))
-    return unit.astype(np.float32)
 
 
 def _unlit_material() -> Any:

@@ -15,13 +15,10 @@ from ..engine.relighter import Relighter
 from ..light.environment import Environment
 from ..light.projections import SUBSAMPLES
 from ..light.tonemap import compress_highlights
-from .sheet import INK
+from .sheet import GAP, INK
 
 MAP_PART = 0.26
 """Width of a light's map, of the picture's."""
-
-MARGIN = 6
-"""Pixels around it."""
 
 MIDDLE = 0.5
 """Display value of the median luminance of a map's upper half."""
@@ -67,6 +64,6 @@ def light_map(environment: Environment, width: int) -> NDArray[np.uint8]:
 def _put_map(picture: NDArray[np.uint8], shown: NDArray[np.uint8]) -> None:
     """Put a map into the upper right corner of a picture, in place."""
     height, width = shown.shape[:2]
-    right = picture.shape[1] - MARGIN
-    picture[MARGIN - 1 : MARGIN + height + 1, right - width - 1 : right + 1] = INK
-    picture[MARGIN : MARGIN + height, right - width : right] = shown
+    right = picture.shape[1] - GAP
+    picture[GAP - 1 : GAP + height + 1, right - width - 1 : right + 1] = INK
+    picture[GAP : GAP + height, right - width : right] = shown

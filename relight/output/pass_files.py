@@ -4,12 +4,9 @@ The light that surfaces receive is stored per pixel as the factor from albedo to
 out by that path, over the albedo. So all passes together give the picture in any colour space, on edges too.
 """
 
-from dataclasses import replace
-
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from splat2mesh.render.view import View
 from splat2mesh.scene.color import BLACK
 
 from ..light.color_spaces import SPACES, converted
@@ -67,11 +64,3 @@ class PassFiles:
 
 def _layer(name: str, image: NDArray[np.float32], letters: str) -> dict[str, NDArray[np.float32]]:
     return {f"{name}.{letter}": image[..., channel] for channel, letter in enumerate(letters)}
-
-
-def moved_view(view: View, matrix: ArrayLike) -> View:
-    """A View that shows a scene as `view` showed it before its points were moved by a similarity (4, 4)."""
-    moved = np.asarray(view.camera_from_world, np.float64) @ np.linalg.inv(np.asarray(matrix, np.float64))
-    scale = float(np.cbrt(np.linalg.det(moved[:3, :3])))
-    moved[:3] /= scale  # all grows alike from the eye on
-    return replace(view, camera_from_world=moved)

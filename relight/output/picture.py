@@ -8,15 +8,17 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.threads import in_batches
 from splat2mesh.render.rasterize import Rendering, rasterize
+from splat2mesh.render.view import View
 from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
 from splat2mesh.scene.drawn import Drawn
 from splat2mesh.splats.splats import Splats
 from splat2mesh.views.standpoints import NEAR_DIAGONAL
 
+from ..insert.probe_grid import usual_box
 from ..light.tonemap import compress_highlights
-from .backdrop import behind, is_even, is_soft
+from .backdrop import behind, is_even
 from .catcher import Catcher, GroundLight
-from .inset import add_inset
+from .inset import SAMPLES, add_inset
 from .kinds import PICTURE_SIZE
 from .mesh_files import check_radiance
 from .preview import Preview
@@ -27,18 +29,11 @@ if TYPE_CHECKING:
 
     from ..light.environment import Environment
 
-FINE = 2
-"""Samples along a pixel's side of what is behind: a horizon and a sun have smooth edges."""
-
 PLAIN = 0.62
 """Display value of the background without a known light: no surface is as even."""
 
 HIDDEN = 1e-3
 """Part of what is behind that a pixel of splats may let through unseen: a quarter of a step of a byte."""
-
-EDGE_PERCENT = 5.0
-"""Percentile of the vertices' coordinates at which the floor of a room lies and its walls stand: what windows show
-outside lies beyond."""
 
 
 class RelitPicture:
@@ -83,8 +78,7 @@ class RelitPicture:
     def seen(self, splats: Splats) -> Rendering:
         """The Rendering of splats in the frame that `scene_from_splat` starts from, before nothing."""
         frame = np.asarray(self._scene.scene_from_splat, np.float64)
-        view = replace(self.view, camera_from_world=_rigid(self.view.camera_from_world @ frame))
-        return rasterize(splats, view, NEAR_DIAGONAL * self._scene.diagonal / _scale(frame))
+        return rasterize(splats, *in_frame(self.view, frame, NEAR_DIAGONAL * self._scene.diagonal))
 
     def of_vertices(
         self, radiance: NDArray, environment: "Environment | None", exposure: float, inset: bool = True
@@ -136,25 +130,22 @@ class RelitPicture:
             return image
         if self._indoors:
             wanted = wanted & ~self._through_floor(wanted)
-        soft = self._scene.is_place and is_soft(environment, self._pixel / FINE)  # nothing is finer than a pixel
         shadows = self._ground_under(environment)
         rows, columns = np.nonzero(wanted)
 
         def draw(rows: NDArray, columns: NDArray, samples: int) -> None:
             directions = self._toward(rows, columns, samples)
-            shown = behind(environment, directions, self._pixel / FINE, exposure)
+            shown = behind(environment, directions, exposure)
             if shadows is not None:
-                self._shade_ground(shown, directions, shadows)
+                shown *= shadows.share_seen(self.view.center, directions)
             mean = compress_highlights(shown).reshape(-1, samples**2, 3).mean(axis=1)
             image[rows, columns] = srgb_from_linear(mean)
 
         def work(part: slice) -> None:
             across, down = rows[part], columns[part]
-            if soft:
-                return draw(across, down, 1)
             even = is_even(environment, self._toward(across, down, 1), self._pixel)
             draw(across[even], down[even], 1)
-            draw(across[~even], down[~even], FINE)
+            draw(across[~even], down[~even], SAMPLES)
 
         if len(rows):
             work(slice(1))  # what is found once, by one thread
@@ -173,7 +164,7 @@ class RelitPicture:
 
     def _through_floor(self, wanted: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """(H, W) bool, which of some pixels look through the floor between the walls of a room."""
-        low, high = np.percentile(self._scene.vertices, [EDGE_PERCENT, 100.0 - EDGE_PERCENT], axis=0)
+        low, high = usual_box(self._scene)
         rows, columns = np.nonzero(wanted)
         directions, eye = self._toward(rows, columns, 1), self.view.center
         down = np.maximum(-directions[:, 1], 1e-6)
@@ -190,16 +181,6 @@ class RelitPicture:
             self._catcher = Catcher(self._scene, self.mesh.caster)
         return self._catcher.under(environment)
 
-    def _shade_ground(self, shown: NDArray, directions: NDArray, light: "GroundLight") -> None:
-        eye, down = self.view.center, -directions[:, 1]
-        above = eye[1] - light.height
-        met = down > 1e-3
-        if above <= 0.0 or not met.any():
-            return
-        reached = directions[met] * (above / down[met])[:, None]
-        ground = np.stack([eye[0] + reached[:, 0], eye[2] + reached[:, 2]], axis=-1)
-        shown[met] *= light.share(ground)
-
 
 def _over(color: NDArray, alpha: NDArray, back: NDArray) -> NDArray:
     """A layer of linear light, premultiplied, over display values: what covers a part of a pixel mixes with them."""
@@ -208,11 +189,9 @@ def _over(color: NDArray, alpha: NDArray, back: NDArray) -> NDArray:
     return srgb_from_linear(own) * alpha + back * (1.0 - alpha)
 
 
-def _scale(matrix: NDArray) -> float:
-    """Size of a unit after a similarity (4, 4)."""
-    return float(np.cbrt(abs(np.linalg.det(matrix[:3, :3]))))
-
-
-def _rigid(matrix: NDArray) -> NDArray:
-    """A similarity (4, 4) without its scale: the same picture, for all of it grows alike from the eye on."""
-    return np.concatenate([matrix[:3] / _scale(matrix), matrix[3:]])
+def in_frame(view: View, scene_from_other: NDArray, near: float = 0.0) -> tuple[View, float]:
+    """A View of the scene, and a distance, in another frame that a similarity (4, 4) leads from: the picture is the
+    same, since all grows alike from the eye on."""
+    matrix = view.camera_from_world @ scene_from_other
+    scale = float(np.cbrt(abs(np.linalg.det(scene_from_other[:3, :3]))))
+    return replace(view, camera_from_world=np.concatenate([matrix[:3] / scale, matrix[3:]])), near / scale

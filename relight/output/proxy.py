@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from splat2mesh.scene.glb import Glb, matt_white
 
+from ..sh.normals import unit_normals
 from .gloss_map import coordinates, glossy_white
-from .mesh_files import unit_normals
 
 if TYPE_CHECKING:
     from splat2mesh.scene.scene import Scene

@@ -36,9 +36,6 @@ if TYPE_CHECKING:
 
 SHAPES = {"means_l.webp", "means_u.webp", "quats.webp", "scales.webp", sog_writing.SHAPE}
 
-LEAST_LIGHT = 1e-6
-"""Mean luminance of an environment below which its sky is black."""
-
 
 class BoundSplats(NamedTuple):
     """Splats bound to their mesh, and what a light changes of them.
@@ -138,7 +135,7 @@ class RelitSource:
         factor = exposure * shaded.backdrop
         if look.capture is not None and look.as_captured and shaded.environment > 0.0:
             # The sky is as bright beside what was captured as it was then.
-            factor = look.capture["brightness"] / max(light.mean_luminance, LEAST_LIGHT)
+            factor = look.capture["brightness"] / (light.mean_luminance or 1.0)
             if shaded.shading.received is None:
                 return far.under(far.source, light, factor)
             factor *= float(luminance(assumed_change(light)))

@@ -5,6 +5,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Floats, Integers, Radiance
+from splat2mesh.scene.color import BLACK
 
 DOUBT = 0.7
 """Difference of the logarithm of what a region received, as modelled and as captured, at which half of a change is
@@ -13,13 +14,10 @@ applied. With 0.35 a trained parlour lost 0.6 dB, with 0.9 a lounge 0.2."""
 REGION_RINGS = 3
 """Rounds in which doubts are averaged over neighbours: a region is some rings of vertices."""
 
-_LEAST = 1e-3
-"""Linear light below which differences are not seen."""
-
 
 def trust_in(modelled: Radiance, captured: Radiance, faces: Integers) -> NDArray[np.float32]:
     """(V,) float32 in (0, 1]: trust in a model that says (V, 3) was captured where (V, 3) was, by region."""
-    doubt = np.abs(np.log((modelled.mean(axis=1) + _LEAST) / (captured.mean(axis=1) + _LEAST)))
+    doubt = np.abs(np.log((modelled.mean(axis=1) + BLACK) / (captured.mean(axis=1) + BLACK)))
     return (1.0 / (1.0 + (_of_region(faces, doubt) / DOUBT) ** 2)).astype(np.float32)
 
 

@@ -26,13 +26,12 @@ from numpy.typing import NDArray
 from splat2mesh.base.arrays import Mask, Points
 from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.base.inputs import load_array, reading
-from splat2mesh.base.specs import clip, parse_spec, plain
+from splat2mesh.base.specs import clip, parse_spec, plain, vector
 from splat2mesh.splats.cleaning import sound
 from splat2mesh.splats.formats import kind_of, read_splats
 from splat2mesh.splats.formats.ply import Ply
 from splat2mesh.splats.splats import Splats
 
-from ..lamps.fields import vector
 from ..lamps.shapes import checked_size
 
 AnyPart: TypeAlias = "str | os.PathLike[str] | NDArray[Any]"

@@ -1,6 +1,6 @@
 """The worker's answers to a session: the newest results, whether they match the current wish, and what is missing."""
 
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,18 +8,8 @@ from numpy.typing import NDArray
 from ..transfer.settings import BOUNCES, EFFECTS, SHADOWS, VOLUME
 from .lighting import FinishedShading, LightWish, SessionLight, keys
 
-
-class LightWorker(Protocol):
-    """The interface that answers the wishes of a session: `worker.ProcessWorker`, or another implementation."""
-
-    def submit(self, wish: LightWish) -> None:
-        """Request the newest wish; unfinished work of an older one is dropped."""
-
-    def poll(self) -> list[tuple[Any, ...]]:
-        """Messages since the last call."""
-
-    def close(self) -> None:
-        """End it."""
+if TYPE_CHECKING:
+    from .worker import ProcessWorker
 
 
 class Answers:
@@ -29,7 +19,7 @@ class Answers:
     fraction or None) of the work under way, or None. message: the text to show, or "".
     """
 
-    def __init__(self, worker: LightWorker, wish: LightWish, available: frozenset[str]) -> None:
+    def __init__(self, worker: "ProcessWorker", wish: LightWish, available: frozenset[str]) -> None:
         self._worker, self.wish, self.available, self.message = worker, wish, available, ""
         self.progress: tuple[str, float | None] | None = None
         self._found: dict[str, tuple[Any, Any]] = {}  # newest results by kind

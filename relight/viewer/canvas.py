@@ -38,7 +38,6 @@ IDLE = *((one + other) // 2 for one, other in zip(MARK, DARK, strict=True)), OPA
 MARGIN = 16  # units from the edges of the window
 _LEAST_SIZE = 6  # pixels of a text
 _DPI = 72  # a point is a pixel
-_WIDTHS_KEPT = 2000
 
 
 class Canvas:
@@ -155,8 +154,6 @@ class Canvas:
         """Left, width, lower, height in pixels of a text about its origin; kept, since measuring draws it."""
         key = string, size, bold
         if key not in self._widths:
-            if len(self._widths) > _WIDTHS_KEPT:
-                self._widths.clear()
             properties, box = _text_property((0, 0, 0), size, bold), [0, 0, 0, 0]
             self._measure.GetBoundingBox(properties, string, box, _DPI)
             self._widths[key] = box[0], box[1] - box[0] + 1, box[2], box[3] - box[2] + 1

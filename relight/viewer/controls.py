@@ -15,10 +15,6 @@ if TYPE_CHECKING:
 ANGLE_STEP_DEG = 5.0
 EXPOSURE_STEP_EV = 0.25
 TOLERANCE_STEP = 2.0**0.5
-SPLIT_STEP = 0.05
-LAMPS_STEP = 0.25
-LAMP_STEP_EV = 0.5
-CAPTURED_STEP = 0.1
 
 
 Action = Callable[[WindowView], None]
@@ -177,18 +173,10 @@ CONTROLS = (
             lambda s: s.state.mesh, _has("splats")),
     Control("l", "captured lamps off, on", _change(lamps=lambda s: float(s.lamps == 0.0)), lambda s: "lamps", "choices",
             lambda s: s.state.lamps > 0.0, _dims_lamps),
-    Control("comma", "dimmer captured lamps", _step("lamps", -LAMPS_STEP), there=_dims_lamps),
-    Control("period", "brighter captured lamps", _step("lamps", LAMPS_STEP), there=_dims_lamps),
     Control("t", "lamps: click adds one, drag moves it", lambda window: window.mouse.lamps.toggle(),
             lambda s: "add lamps", "choices", lambda s: s.state.placing, _has("lamps")),
     Control("c", "next colour of the lamp", lambda window: window.mouse.lamps.next_color(), there=_has("lamps")),
-    Control("f", "dimmer lamp", lambda window: window.mouse.lamps.brighten(-LAMP_STEP_EV), there=_has("lamps")),
-    Control("i", "brighter lamp", lambda window: window.mouse.lamps.brighten(LAMP_STEP_EV), there=_has("lamps")),
     Control("d", "delete the lamp", lambda window: window.mouse.lamps.remove(), there=_has("lamps")),
-    Control("bracketleft", "dimmer captured light", lambda window: window.mouse.lamps.dim(-CAPTURED_STEP),
-            there=_has("lamps")),
-    Control("bracketright", "brighter captured light", lambda window: window.mouse.lamps.dim(CAPTURED_STEP),
-            there=_has("lamps")),
     Control("z", "undo a change of lamps, objects or a part", lambda window: window.mouse.lamps.step_back(),
             there=_can_undo),
     Control("y", "redo", lambda window: window.mouse.lamps.step_back(again=True), there=_can_undo),
@@ -220,8 +208,6 @@ CONTROLS = (
     Control("minus", "smaller tolerance: slower, more accurate",
             _change(tolerance=lambda s: s.tolerance / TOLERANCE_STEP)),
     Control("equal", "larger tolerance: faster", _change(tolerance=lambda s: s.tolerance * TOLERANCE_STEP)),
-    Control("n", "move the split line left", _step("split_at", -SPLIT_STEP)),
-    Control("m", "move the split line right", _step("split_at", SPLIT_STEP)),
     Control("p", "save a picture, without this panel", lambda window: window.save_picture()),
     Control("v", "record a rotation of the light", lambda window: window.record()),
     Control("x", "panel on, off", _toggle("panel")),
@@ -264,10 +250,6 @@ MOUSE = (
 KEY_NAMES = {
     "minus": "-",
     "equal": "=",
-    "comma": ",",
-    "period": ".",
-    "bracketleft": "[",
-    "bracketright": "]",
     "apostrophe": "'",
     "slash": "/",
 }

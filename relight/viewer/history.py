@@ -23,16 +23,6 @@ class Timeline:
         """Whether there is anything whose changes are kept."""
         return bool(self._states[0])
 
-    @property
-    def undoable(self) -> int:
-        """How many changes can be undone."""
-        return self._at
-
-    @property
-    def redoable(self) -> int:
-        """How many changes can be redone."""
-        return len(self._states) - 1 - self._at
-
     def begin(self, name: str, start: Any) -> None:
         """Keep the changes of a thing. Call it before the first change."""
         self._states[0][name] = start

@@ -9,6 +9,7 @@ import numpy as np
 
 from splat2mesh.base.arrays import Triple
 from splat2mesh.base.errors import InputError
+from splat2mesh.base.specs import vector
 from splat2mesh.scene.color import luminance
 
 from ..lamps.asked import LARGEST_EV, AskedLamp, Brightness, LampScale, resolve
@@ -18,7 +19,7 @@ from ..lamps.moving import shifted
 from ..lamps.photometry import axis_intensity
 from ..lamps.placing import asked_lamps
 from ..lamps.saving import write_lamps
-from ..lamps.shapes import MeshLamp, RectangleLamp, TubeLamp, checked_vector
+from ..lamps.shapes import MeshLamp, RectangleLamp, TubeLamp
 from .history import Timeline
 
 MOST_CAPTURED = 10.0
@@ -142,7 +143,7 @@ class LampBoard:
     def move(self, number: int, position: Sequence[float], merge: Hashable = None) -> None:
         """Move the `place_of` a lamp to a position (3,)."""
         asked = self.asked(number)
-        offset = np.subtract(checked_vector("position", position), place_of(asked))
+        offset = np.subtract(vector("position", position), place_of(asked))
         if offset.any():
             x, y, z = offset.tolist()
             self.put(number, replace(asked, shape=shifted(asked.shape, (x, y, z))), merge)

@@ -138,12 +138,6 @@ class LampTool:
         self._grip = None
         self._window.session.timeline.end_merge()
 
-    def brighten(self, stops: float) -> None:
-        """Make the selected lamp brighter."""
-        number = self._selected()
-        if number is not None:
-            self._do(lambda: self._board.change(number, stops=stops))
-
     def next_color(self) -> None:
         """Give the selected lamp the next colour."""
         number = self._selected()
@@ -157,11 +151,6 @@ class LampTool:
         number = self._selected()
         if number is not None:
             self._do(lambda: self._board.remove(number))
-
-    def dim(self, step: float) -> None:
-        """Change the factor on the captured light."""
-        if self._window.session.lamps is not None:
-            self._do(lambda: self._board.dim(self._board.state.captured + step))
 
     def dim_to(self, factor: float) -> None:
         """Set the factor on the captured light, by a slider."""

@@ -23,6 +23,7 @@ from ..engine.relighter import Relighter
 from ..light import WIDTH
 from ..light.environment import Environment
 from ..light.pooling import pooled
+from ..live.response import SPREAD_BANDS
 from ..options import LightingOptions
 from ..sh import harmonics
 from ..transfer.analytic import analytic
@@ -43,9 +44,6 @@ SAMPLE_RAYS = 1024
 
 MOST_RELIGHTERS = 8
 """Most tolerances whose relighters and plans are kept."""
-
-DRAG_BANDS = 4
-"""Bands of bounced light while the light is dragged: it is smoother than direct light."""
 
 UNSHADOWED_BANDS = 5
 """Bands of light without shadows: Lambert's lobe has 0.4% of its energy beyond them."""
@@ -201,7 +199,7 @@ class SessionLighting:
             return None
         from ..transfer.bounces import transfer_with_bounces
 
-        plain = relighter.precomputed.transfer(plan.settings)[0][:, : DRAG_BANDS**2]
+        plain = relighter.precomputed.transfer(plan.settings)[0][:, : SPREAD_BANDS**2]
         bounced, _ = transfer_with_bounces(plain, albedo, relighter.precomputed.interreflection(rays, plain))
         return bounced - plain[:, :, None] * np.asarray(albedo, np.float32)[:, None, :]
 

@@ -65,9 +65,8 @@ class HotArea(NamedTuple):
 
 
 class OfWindow(NamedTuple):
-    """What a window shows of its own. frames_per_second: or None. note: a line. marks: of lamps."""
+    """What a window shows of its own. note: a line. marks: of lamps."""
 
-    frames_per_second: float | None = None
     note: str = ""
     marks: "Sequence[Mark]" = ()
 
@@ -109,7 +108,7 @@ class Panel:
             for mark in own.marks:
                 self._mark(mark)
             self._top(session, units)
-            self._bottom(session, units, own.frames_per_second, own.note)
+            self._bottom(session, units, own.note)
             if session.state.help:
                 self._help(session, units)
             elif session.state.by_hand and session.hand is not None:
@@ -133,7 +132,7 @@ class Panel:
             share = progress[1] if progress[1] is not None else 1.0
             self._canvas.rectangle(0, base - 2, width * share, 2, ON if progress[1] is not None else CHIP)
 
-    def _bottom(self, session: "Session", units: Units, frames_per_second: float | None, note: str) -> None:
+    def _bottom(self, session: "Session", units: Units, note: str) -> None:
         width, _ = units
         self._canvas.rectangle(0, 0, width, BOTTOM, BAR)
         hand = session.state.by_hand
@@ -145,7 +144,7 @@ class Panel:
         for control in CONTROLS:
             if control.row in ("hand" if hand else "choices", "both") and control.there(session):
                 left += self._chip(session, control, left, 12) + _GAP
-        figures, follows = status(session, frames_per_second)
+        figures, follows = status(session)
         notice = session.answers.message or session.failure or session.notice
         if hand and session.hand is not None:
             figures, follows, notice = session.hand.figures, session.hand.follows, session.hand.message
@@ -251,7 +250,7 @@ class Panel:
         self.hot.insert(0, HotArea(box, name, value))
 
 
-def status(session: "Session", frames_per_second: float | None = None) -> tuple[str, str]:
+def status(session: "Session") -> tuple[str, str]:
     """(figures, what follows): the two lines about the light that is shown."""
     if session.answers.light is None:
         return "", "starting: the captured colours until the first light"
@@ -260,10 +259,10 @@ def status(session: "Session", frames_per_second: float | None = None) -> tuple[
         label, share = progress
         follows += (" \N{MIDDLE DOT} " if follows else "") + STAGES.get(label, label)
         follows += f" {100 * share:.0f} %" if share is not None else ""
-    return "   ".join(_figures(session, frames_per_second)), follows
+    return "   ".join(_figures(session)), follows
 
 
-def _figures(session: "Session", frames_per_second: float | None) -> list[str]:
+def _figures(session: "Session") -> list[str]:
     figures, lit = [], session.answers.lit
     if session.answers.error is not None and session.state.mode == "relit":
         planned = f", planned {100 * lit.predicted:.2g} %" if lit is not None and lit.predicted is not None else ""
@@ -272,8 +271,6 @@ def _figures(session: "Session", frames_per_second: float | None) -> list[str]:
         figures.append(f"light {1e3 * session.light_seconds:.1f} ms")
     if lit is not None and {SUN, BOUNCES} & session.effects:
         figures.append(f"with {_parts(session, lit)} {1e3 * lit.seconds:.0f} ms")
-    if frames_per_second:
-        figures.append(f"{frames_per_second:.0f} pictures/s")
     return figures
 
 

@@ -15,6 +15,7 @@ from splat2mesh.base.arrays import Mask, Vector
 from splat2mesh.scene.color import bytes_from_unit, linear_from_srgb, srgb_from_linear
 
 from ..albedo.by_hand import HandLight
+from ..output.sheet import MARK
 from ..splats.grown_part import GrowingSurface
 from ..splats.kept_parts import keep_part
 from .history import Timeline
@@ -23,9 +24,6 @@ from .sources import PartSource
 REACH = 0.12
 """Of a first click, by `scripts/fit parts`: of those tried, a third of an octave apart, the one with most in common
 with the parts of eight generated scenes. On eight others .095 is best."""
-
-TINT = np.array([224, 118, 45], np.float32)
-"""sRGB of what is in the part, half of the colour that shows."""
 
 _NAME = "part"
 
@@ -134,7 +132,7 @@ class PartBench:
             lit = factor * linear_from_srgb(shown[part] / np.float32(255.0))
             shown[part] = bytes_from_unit(srgb_from_linear(lit))
         else:
-            shown[part] = (0.5 * shown[part] + 0.5 * TINT).astype(np.uint8)
+            shown[part] = (0.5 * shown[part] + 0.5 * np.array(MARK)).astype(np.uint8)
         return shown
 
     def keep(self) -> tuple[str, Path]:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from splat2mesh.base.choices import DEFAULT_FPS
 from splat2mesh.base.errors import InputError
 
 from .request import Turntable
@@ -16,7 +17,6 @@ from .request import Turntable
 if TYPE_CHECKING:
     from .window_view import WindowView
 
-FRAMES_PER_SECOND = 18
 KINDS = ".gif", ".mp4"
 
 
@@ -38,14 +38,11 @@ class Recording:
         import imageio
 
         self.path, self._window, self._asked = path, window, turn
-        self._state, self._orbit, self._done = window.session.state, window.orbit, 0
+        self._state, self._done = window.session.state, 0
         self._started, self.asked = time.perf_counter(), False
         self._shape: tuple[int, ...] | None = None
-        self._looked = window.orbit
         window.session.change(turning=False, help=False)
-        options = {"fps": FRAMES_PER_SECOND} if path.suffix == ".mp4" else {"duration": 1000 / FRAMES_PER_SECOND}
-        if path.suffix == ".gif":
-            options["loop"] = 0
+        options = {"fps": DEFAULT_FPS} if path.suffix == ".mp4" else {"duration": 1000 / DEFAULT_FPS, "loop": 0}
         try:
             self._writer = imageio.get_writer(path, mode="I", **options)
         except OSError as error:
@@ -60,9 +57,9 @@ class Recording:
         if not session.settled:
             session.hurry()
             return
-        if self._moved_away():
+        if self._turned_away():
             return
-        image = window.picture(self._asked.panel)
+        image = window.picture(panel=False)
         self._shape = self._shape or image.shape[:2]
         self._writer.append_data(fit_to(image, self._shape))
         self._done += 1
@@ -73,23 +70,17 @@ class Recording:
             return
         self._turn()
 
-    def _turned(self) -> float:
-        return 360.0 * self._done / self._asked.frames
+    @property
+    def _angle_deg(self) -> float:
+        return self._state.angle_deg + 360.0 * self._done / self._asked.frames
 
     def _turn(self) -> None:
-        if self._asked.what == "light":
-            self._window.session.change(angle_deg=self._state.angle_deg + self._turned())
-        else:
-            self._looked = self._orbit.dragged(-self._turned() / 180.0, 0.0)
-            self._window.look(self._looked)
+        self._window.session.change(angle_deg=self._angle_deg)
 
-    def _moved_away(self) -> bool:
+    def _turned_away(self) -> bool:
         """Whether the user turned or reset the recorded angle; it is restored."""
-        if self._asked.what == "light":
-            away = self._window.session.state.angle_deg - self._state.angle_deg - self._turned()
-            moved = abs((away + 180.0) % 360.0 - 180.0) > 1e-6
-        else:
-            moved = self._window.orbit != self._looked
+        away = self._window.session.state.angle_deg - self._angle_deg
+        moved = abs((away + 180.0) % 360.0 - 180.0) > 1e-6
         if moved:
             self._turn()
         return moved
@@ -110,7 +101,6 @@ class Recording:
     def _end(self) -> None:
         self._writer.close()
         self._window.session.change(angle_deg=self._state.angle_deg, turning=self._state.turning)
-        self._window.look(self._orbit)
 
 
 def fit_to(image: NDArray, shape: tuple[int, ...]) -> NDArray:
@@ -128,16 +118,14 @@ def fit_to(image: NDArray, shape: tuple[int, ...]) -> NDArray:
 
 
 def check_film(path: str | os.PathLike[str], turn: Turntable) -> None:
-    """Raises InputError unless a film of this name, length and subject can be recorded."""
-    path, frames, what = Path(path), turn.frames, turn.what
+    """Raises InputError unless a film of this name and length can be recorded."""
+    path, frames = Path(path), turn.frames
     if path.suffix not in KINDS:
         raise InputError(f"{path}: a film is one of {' '.join(KINDS)}, found {path.suffix or 'no suffix'}")
     if path.suffix == ".mp4" and not find_spec("imageio_ffmpeg"):
         raise InputError(f"{path}: films in .mp4 need imageio-ffmpeg: pip install imageio-ffmpeg; or record a .gif")
     if frames != int(frames) or frames < 2:
         raise InputError(f"a film needs a whole number of frames, 2 or more, found {frames}")
-    if what not in ("light", "camera"):
-        raise InputError(f"a film turns the light or the camera, found {what!r}")
     if path.exists() and not turn.overwrite:
         raise InputError(f"{path} exists: choose another name, or pass overwrite")
     if not path.parent.is_dir():

@@ -103,15 +103,10 @@ class SessionRequest:
 
 @dataclass(frozen=True)
 class Turntable:
-    """A film of one full turn.
-
-    frames: pictures in it. what: "light" or "camera", which turns. panel: whether the panel is in the film. overwrite:
-    replace a film of that name. size: width and height in pixels.
-    """
+    """A film of one full turn of the light. frames: pictures in it. overwrite: replace a film of that name. size: width
+    and height in pixels."""
 
     frames: int = 72
-    what: str = "light"
-    panel: bool = False
     overwrite: bool = False
     size: tuple[int, int] = PICTURE_SIZE
 

@@ -21,7 +21,7 @@ from ..engine.light_mix import LightBeside
 from ..light.environment import turned_about_y
 from ..light.tonemap import auto_exposure
 from ..transfer.settings import BOUNCES, SHADOWS
-from .answers import Answers, LightWorker
+from .answers import Answers
 from .hand_bench import HandBench
 from .history import Timeline
 from .lamp_bench import LampBench
@@ -57,7 +57,7 @@ class Session:
     def __init__(
         self,
         asked: SessionRequest,
-        worker: Callable[[SessionScene], LightWorker] = ProcessWorker,
+        worker: Callable[[SessionScene], ProcessWorker] = ProcessWorker,
         clock: Callable[[], float] = time.perf_counter,  # returns seconds, which decide when a moving light is at rest
     ) -> None:
         """Start the worker. Raises InputError for albedos and options that do not fit."""

@@ -5,7 +5,6 @@ A light moves no splat: while the camera stands still, the splats of each pixel 
 (`relight.splats.blending`), and a picture in another light is a sum of colours.
 """
 
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +18,7 @@ from splat2mesh.splats.harmonics import sh_basis_3dgs
 from splat2mesh.splats.splats import Splats
 from splat2mesh.views.standpoints import NEAR_DIAGONAL
 
+from ..output.picture import in_frame
 from ..splats.blending import Blending, blending_of
 from .camera import Orbit
 
@@ -56,13 +56,12 @@ class SplatPainter:
 
     def __init__(self, scene: Scene) -> None:
         frame = np.asarray(scene.scene_from_splat, np.float64)
-        self._scale = float(np.cbrt(abs(np.linalg.det(frame[:3, :3]))))
-        self._frame, self._near = frame, NEAR_DIAGONAL * scene.diagonal / self._scale
+        self._frame, self._near = frame, NEAR_DIAGONAL * scene.diagonal
         self._seen: _Seen | None = None
 
     def exact(self, splats: Splats, orbit: Orbit, size: tuple[int, int]) -> SplatLayer:
         """The picture as written to files."""
-        seen = rasterize(splats, self._view(orbit, size), self._near)
+        seen = rasterize(splats, *self._view(orbit, size))
         return SplatLayer(seen.color, seen.alpha)
 
     def again(self, splats: Splats, orbit: Orbit, size: tuple[int, int]) -> SplatLayer:
@@ -79,8 +78,8 @@ class SplatPainter:
         return SplatLayer(_out_of_tiles(tiles, size), seen.alpha)
 
     def _look(self, splats: Splats, orbit: Orbit, size: tuple[int, int]) -> _Seen:
-        view, found = self._view(orbit, size), []
-        blending = blending_of(splats, [view], self._near, lambda _, alpha, __: found.append(alpha.copy()))
+        (view, near), found = self._view(orbit, size), []
+        blending = blending_of(splats, [view], near, lambda _, alpha, __: found.append(alpha.copy()))
         toward = splats.means - view.center
         toward = toward / np.maximum(np.linalg.norm(toward, axis=1, keepdims=True), 1e-12)
         basis = sh_basis_3dgs(toward, splats.degree).astype(np.float32)
@@ -90,11 +89,9 @@ class SplatPainter:
         """The camera in the frame of the scene."""
         return View.look_at(orbit.eye, orbit.target, [0.0, 1.0, 0.0], orbit.fov_deg, *size)
 
-    def _view(self, orbit: Orbit, size: tuple[int, int]) -> View:
-        """The camera in the frame of the splats, whose unit may be another."""
-        view = self.scene_view(orbit, size)
-        matrix = view.camera_from_world @ self._frame
-        return replace(view, camera_from_world=np.concatenate([matrix[:3] / self._scale, matrix[3:]]))
+    def _view(self, orbit: Orbit, size: tuple[int, int]) -> tuple[View, float]:
+        """The camera in the frame of the splats, whose unit may be another, and the nearest distance that it shows."""
+        return in_frame(self.scene_view(orbit, size), self._frame, self._near)
 
 
 def coarser(size: tuple[int, int]) -> tuple[int, int]:

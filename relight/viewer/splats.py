@@ -17,7 +17,7 @@ from ..engine.light_mix import LightBeside, Received
 from ..gloss.scene_gloss import NewLight
 from ..light.captured import CapturedLight
 from ..light.environment import Environment, turned_about_y
-from ..output.relit_splats import LEAST_LIGHT, BoundSplats, SplatLight, relit
+from ..output.relit_splats import BoundSplats, SplatLight, relit
 from ..splats.binding import ROUNDS
 from ..splats.sky import FarSplats
 
@@ -189,7 +189,7 @@ class RelitSplats:
     def _under_sky(self, light: SplatLight, sky: Environment, exposure: float) -> SplatLight:
         """The light with an environment, turned, in the sky."""
         level = self.source.sky_level
-        factor = 1.0 if level is None else level / max(sky.mean_luminance, LEAST_LIGHT)
+        factor = 1.0 if level is None else level / (sky.mean_luminance or 1.0)
         return light._replace(sky=sky, sky_factor=exposure * factor)
 
     def close(self) -> None:

@@ -41,12 +41,8 @@ img {{ max-width: 100vw; max-height: 90vh }}</style>
 """
 
 
-TOKEN_BYTES = 16
-"""Bytes of the token in an address. Without it nobody can connect to the session, even from this machine."""
-
-
 class Served(NamedTuple):
-    """Where a session is served: only this machine can reach it, with the token."""
+    """Where a session is served: only this machine can reach it, and only with the token."""
 
     port: int
     token: str
@@ -60,7 +56,7 @@ class Served(NamedTuple):
                 tried.bind(("127.0.0.1", port))
             except OSError as error:
                 raise InputError(f"port {port} cannot be used ({error.strerror}): choose another, or none") from None
-            return cls(tried.getsockname()[1], secrets.token_urlsafe(TOKEN_BYTES))
+            return cls(tried.getsockname()[1], secrets.token_urlsafe())
 
     @property
     def address(self) -> str:

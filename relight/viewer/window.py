@@ -30,7 +30,6 @@ from .stage import Stage, pixels
 SIZE = 1280, 800
 TURN_DEG_PER_SECOND = 36.0  # of a light that turns by itself
 IDLE_SECONDS = 0.005  # between two polls of mouse and worker
-FRAMES_AVERAGED = 12
 RESTING_OBJECT_SAMPLES = 2  # along the side of a pixel
 
 _NO_DISPLAY = "no display: save a picture by `screenshot`, or start it in a notebook"
@@ -64,7 +63,6 @@ class Window:
         self._seen_from: tuple[Orbit, tuple[int, int]] | None = None
         self.loop: Any = None  # of a notebook
         self._moved = self._panelled = self._ticked = -np.inf
-        self._times: list[float] = []
         style = vtkInteractorStyleUser()
         style.AddObserver("CharEvent", lambda *_: None)  # or VTK's own keys would act too
         self.plotter.iren.style = style
@@ -86,14 +84,6 @@ class Window:
     def size(self) -> tuple[int, int]:
         """Present width and height in pixels."""
         return tuple(self.plotter.render_window.GetSize())
-
-    @property
-    def frames_per_second(self) -> float | None:
-        """Frame rate of the last pictures while something moves, else None."""
-        times = self._times
-        if len(times) < 3 or times[-1] == times[0] or self.session.clock() - times[-1] > 0.5:
-            return None
-        return (len(times) - 1) / (times[-1] - times[0])
 
     @property
     def pointer(self) -> tuple[int, int]:
@@ -135,15 +125,13 @@ class Window:
         changed = drawn != self._drawn
         if changed:
             self._moved = now
-            self._times = [*self._times[-FRAMES_AVERAGED:], now] if now - max(self._times, default=0) < 0.5 else [now]
         rests = now - self._moved > REST_SECONDS
         sharpens = rests and not self._resting
         if changed or sharpens:
             self._draw_scene(rests)
         if changed or now - self._panelled > REST_SECONDS:  # figures change continuously
             self._panelled = now
-            rate = self.frames_per_second if not rests else None
-            changed |= self._draw_panel(rate)
+            changed |= self._draw_panel()
         elif sharpens:
             self._draw_panel()
         if not (changed or sharpens):
@@ -267,8 +255,8 @@ class Window:
         self._draw_panel(bare=not panel)
         self.plotter.render_window.Render()
 
-    def _draw_panel(self, rate: float | None = None, bare: bool = False) -> bool:
-        own = OfWindow(rate, self.note, self.mouse.lamps.marks())
+    def _draw_panel(self, bare: bool = False) -> bool:
+        own = OfWindow(self.note, self.mouse.lamps.marks())
         return self.panel.draw(self.session, self.size, own, bare)
 
     def _draw_scene(self, rests: bool, wait: bool = False) -> None:

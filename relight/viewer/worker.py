@@ -16,15 +16,12 @@ import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any
+from typing import IO, Any
 
 from splat2mesh.base.compiling import allow_read_only_install
 from splat2mesh.base.errors import DataWarning, InputError
 
 from .lighting import LightWish, SessionLighting, SessionScene, keys
-
-if TYPE_CHECKING:
-    pass
 
 NICENESS = 5
 """Added to the priority of the process: drawing comes first, but idle cores are used in full."""

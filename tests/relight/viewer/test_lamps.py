@@ -121,7 +121,7 @@ def test_light_that_was_forgotten_is_found_again_to_the_bit(opened):
     for step in range(SPARE + 1):
         session.lamps.move(number, (0.1 * step, 1.2, 0.4))
         session.finish()
-    while session.timeline.undoable > 1:
+    while session.timeline._at > 1:
         session.timeline.undo()
     assert not session.complete
     session.finish()
@@ -384,7 +384,7 @@ def test_unusable_lamps_are_refused(scene, opened, tmp_path):
     for changes in ({"color": "guessed"}, {"brightness": "bright"}, {"stops": np.inf}, {"stops": 39.0}, {"name": ""}):
         with pytest.raises(InputError):
             session.lamps.change(number, **changes)
-    assert session.timeline.undoable == 1
+    assert session.timeline._at == 1
     plain = Session(SessionRequest.of(scene, "noon", tolerance=0.05), InlineWorker)
     assert plain.lamps is None
     plain.close()

@@ -73,16 +73,11 @@ def test_a_film_holds_every_angle_in_full_and_leaves_the_session_as_it_was(scene
         window.session.change(angle_deg=90.0 * index)
         # 256 colours for each picture
         assert np.abs(film[index].astype(int) - bare(window)).mean() < 4.0
-    before = window.session.state, window.orbit
-    window.record(tmp_path / "camera.gif", Turntable(frames=3, what="camera"))
-    while window.recording:
-        window.tick()
-    assert (window.session.state, window.orbit) == before and window.note.startswith("saved")
-    assert len(iio.imread(tmp_path / "camera.gif", index=None)) == 3
+    before = window.session.state
     window.record(tmp_path / "dropped.gif")
     window.tick()
     window.press_key("v")
-    assert not window.recording and not (tmp_path / "dropped.gif").exists() and window.session.state == before[0]
+    assert not window.recording and not (tmp_path / "dropped.gif").exists() and window.session.state == before
     window.close()
     for name, more in (("turn.gif", {}), ("turn.avi", {}), ("no/turn.gif", {}), ("a.gif", {"frames": 1})):
         with pytest.raises(InputError):
