@@ -1,4 +1,4 @@
-"""The Gaussians that pictures of a splat draw: those finer than its pixels are one for several, so work follows pixels."""
+"""The Gaussians that pictures of a splat draw: those finer than pixels are one for several, so work follows pixels."""
 
 from functools import cached_property
 from typing import Any
