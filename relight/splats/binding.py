@@ -86,7 +86,7 @@ class Binding:
 
     def _bind(self, scene: Scene, views: Sequence[View] | None, seed: int, advance: Callable[[int], None]) -> None:
         self.places = Places(self.surface, self.shown)
-        sketch = self._sketched(scene).splats
+        sketch = self._sketched(not scene.is_place and views is None).splats
         views = self._chosen(sketch, scene, seed) if views is None else views
         self._looks = Looks.at(sketch, self.surface, views, self._near, advance) if len(views) else None
         self._wide = Neighborhoods(self.surface.points, self._volume, self._asked())
@@ -141,7 +141,7 @@ class Binding:
     def _restore(self, kept: Mapping[str, NDArray[Any]], scene: Scene) -> "Binding":
         """Take over what was kept. Raises InputError or KeyError for what does not fit."""
         self.places = Places(self.surface, self.shown, kept)
-        count = len(self._sketched(scene))
+        count = len(self._sketched(not scene.is_place))
         looks = "known" in kept
         self._looks = Looks.restored(kept, count, self.surface) if looks else None
         self._wide = Neighborhoods(self.surface.points, self._volume, self._asked(), kept["near"])
@@ -156,12 +156,14 @@ class Binding:
         arrays |= {"near": self._wide.near, "taken": self._taken}
         return arrays if self._looks is None else arrays | self._looks.arrays(self.surface)
 
-    def _sketched(self, scene: Scene) -> Sketch:
+    def _sketched(self, from_afar: bool) -> Sketch:
         """The Sketch of the pictures, of those `_drawn`: without what depends on the view, a third of the memory and
-        time and the same fit. Far ones stand between the scene and virtual eyes that no camera of the capture had."""
+        time and the same fit. Far ones stand between the scene and virtual eyes that no camera of the capture had.
+        from_afar: whether each picture shows the whole."""
         self._drawn = (self.places.far < 0.5) & (self.shown.opacities >= INVISIBLE_OPACITY)
         plain = replace(self.shown, sh=self.shown.sh[:, :1]).take(self._drawn)
-        self.sketch = Sketch(plain, None if scene.is_place else PIXELS, self.surface.diagonal)
+        across = np.linalg.norm(np.ptp(self.surface.points[self.surface.used], axis=0))
+        self.sketch = Sketch(plain, PIXELS if from_afar else None, float(across))
         return self.sketch
 
     @property
