@@ -97,7 +97,7 @@ def observed(
     advance: Callable[[int], None] = lambda count: None,  # called with the number of finished views
 ) -> PatchFits | None:
     """The PatchFits of a splat whose harmonics show more than one colour; None where nothing depends on the view."""
-    splats = binding.drawn
+    splats = binding.drawn()
     if looks is None or splats.degree == 0:
         return None
     patch = _patches(binding, colors, seed)

@@ -40,7 +40,7 @@ class Reflections:
     """
 
     def __init__(self, binding: Binding, looks: Looks, gloss: Gloss, scene: Matrix3) -> None:
-        self._binding, self._drawn = binding, binding.drawn
+        self._binding, self._drawn = binding, binding.drawn()
         seen = (SurfacePixels.of_view(looks, binding.surface, number) for number in range(len(looks.eyes)))
         self._views = [MirroredPixels.of(pixels, binding.surface, gloss, scene) for pixels in seen]
         places = binding.places
@@ -48,7 +48,8 @@ class Reflections:
         glossy = (share > MOSTLY) & (places.far < MOSTLY)
         rows = np.zeros(len(binding.lit), bool)
         rows[np.flatnonzero(binding.lit)[glossy]] = True
-        self._glossy = np.flatnonzero(rows[binding.drawn_rows])  # among those drawn
+        part = binding.sketch.mean(rows[binding.drawn_rows].astype(np.float32))
+        self._glossy = np.flatnonzero(part > MOSTLY)  # among those drawn
 
     def reflected(self, light: Floats, radiance: Floats) -> list[NDArray[np.float64]]:
         """The light that the glossy pixels of each view mirror, (Q, 3) each: `MirroredPixels.reflected`, radiance
@@ -80,9 +81,7 @@ class Reflections:
         them. before, after: what is mirrored in the light of the capture and in the new one, of `reflected`, in
         display units. Where both are equal, after that gain, no bit changes.
         """
-        rows = self._binding.drawn_rows
-        shown = splats.take(rows)
-        errors = []
+        shown, errors = self._binding.drawn(splats), []
         for view, old, new in zip(self._views, before, after, strict=True):
             picture = view.blending.drawn(shown.colors_toward(view.pixels.eye).astype(np.float32))
             now = np.maximum(picture[view.pixels.known], 0.0).astype(np.float64)
@@ -99,7 +98,10 @@ class Reflections:
         means = self._drawn.means
         parts = [(view.blending, view.pixels.known, view.pixels.eye) for view in self._views]
         found = fitted(means, self._glossy, parts, errors, DEGREE)
+        number = np.full(len(means), -1)
+        number[self._glossy] = np.arange(len(found))
+        number = self._binding.sketch.members(number)
         sh = np.zeros((len(splats), (DEGREE + 1) ** 2, 3), np.float32)
         sh[:, : splats.sh.shape[1]] = splats.sh
-        sh[rows[self._glossy]] += found
+        sh[self._binding.drawn_rows[number >= 0]] += found[number[number >= 0]]
         return replace(splats, sh=sh)

@@ -26,6 +26,7 @@ from .floor_mirror import FloorMirror
 from .light_ratio import CURVE_POWER, LEAST, Usual, log_gain, relit_sh, without_clipping
 from .looks import Looks
 from .mirrored_places import LEAST_SHARE, MirroredPlaces, Mix, by_color
+from .sketch import Sketch
 from .wide import Neighborhoods
 
 VIEWS, PIXELS = 32, 256
@@ -79,13 +80,13 @@ class Binding:
             self._bind(scene, views, seed, advance)
         else:
             key = _key(self.shown, scene, volume), seed
-            if cache.restored(self._restore, "binding", *key) is None:
+            if cache.restored(lambda kept: self._restore(kept, scene), "binding", *key) is None:
                 self._bind(scene, None, seed, advance)
                 cache.put("binding", *key, **self._arrays())
 
     def _bind(self, scene: Scene, views: Sequence[View] | None, seed: int, advance: Callable[[int], None]) -> None:
         self.places = Places(self.surface, self.shown)
-        sketch = self._sketched()
+        sketch = self._sketched(not scene.is_place and views is None).splats
         views = self._chosen(sketch, scene, seed) if views is None else views
         self._looks = Looks.at(sketch, self.surface, views, self._near, advance) if len(views) else None
         self._wide = Neighborhoods(self.surface.points, self._volume, self._asked())
@@ -102,7 +103,7 @@ class Binding:
             return self
         below = np.zeros((len(self.shown), 3), np.float32)
         below[rows] = 1.0
-        clear = self._looks.blending.drawn(below[self._drawn])[self._looks.known, 0] < LEAST_SHARE
+        clear = self._looks.blending.drawn(self.sketch.mean(below[self._drawn]))[self._looks.known, 0] < LEAST_SHARE
         self._looks = self._looks.at_pixels(clear)
         return self
 
@@ -137,10 +138,10 @@ class Binding:
             other._looks = self._looks.at_pixels(~mesh.pose.torn(self._looks.corners))
         return other
 
-    def _restore(self, kept: Mapping[str, NDArray[Any]]) -> "Binding":
+    def _restore(self, kept: Mapping[str, NDArray[Any]], scene: Scene) -> "Binding":
         """Take over what was kept. Raises InputError or KeyError for what does not fit."""
         self.places = Places(self.surface, self.shown, kept)
-        count = len(self._sketched())
+        count = len(self._sketched(not scene.is_place))
         looks = "known" in kept
         self._looks = Looks.restored(kept, count, self.surface) if looks else None
         self._wide = Neighborhoods(self.surface.points, self._volume, self._asked(), kept["near"])
@@ -155,11 +156,15 @@ class Binding:
         arrays |= {"near": self._wide.near, "taken": self._taken}
         return arrays if self._looks is None else arrays | self._looks.arrays(self.surface)
 
-    def _sketched(self) -> Splats:
-        """The Splats of the pictures, which are `_drawn`: without what depends on the view, a third of the memory and
-        time and the same fit. Far ones stand between the scene and virtual eyes that no camera of the capture had."""
+    def _sketched(self, from_afar: bool) -> Sketch:
+        """The Sketch of the pictures, of those `_drawn`: without what depends on the view, a third of the memory and
+        time and the same fit. Far ones stand between the scene and virtual eyes that no camera of the capture had.
+        from_afar: whether each picture shows the whole."""
         self._drawn = (self.places.far < 0.5) & (self.shown.opacities >= INVISIBLE_OPACITY)
-        return _diffuse(self.shown, self._drawn)
+        plain = replace(self.shown, sh=self.shown.sh[:, :1]).take(self._drawn)
+        across = np.linalg.norm(np.ptp(self.surface.points[self.surface.used], axis=0))
+        self.sketch = Sketch(plain, PIXELS if from_afar else None, float(across))
+        return self.sketch
 
     @property
     def looks(self) -> Looks | None:
@@ -168,12 +173,12 @@ class Binding:
 
     def looks_at(self, views: Sequence[View]) -> Looks:
         """Looks at the same from other views, in the frame of the splats."""
-        return Looks.at(self._sketched(), self.surface, views, self._near)
+        return Looks.at(self.sketch.splats, self.surface, views, self._near)
 
-    @property
-    def drawn(self) -> Splats:
-        """The Splats of those pictures, with what depends on the view."""
-        return self.shown.take(np.flatnonzero(self._drawn))
+    def drawn(self, splats: Splats | None = None) -> Splats:
+        """The Splats of those pictures, with what depends on the view in others of the same rows, as all are read."""
+        sh = self.shown.sh[self._drawn] if splats is None else splats.sh[self.drawn_rows]
+        return replace(self.sketch.splats, sh=self.sketch.mean(sh))
 
     @property
     def carried(self) -> CarriedMesh:
@@ -182,7 +187,7 @@ class Binding:
 
     @property
     def drawn_rows(self) -> NDArray[np.int64]:
-        """Their rows among all splats."""
+        """The rows of what they draw among all splats; several are one of theirs where they are finer than pixels."""
         return np.flatnonzero(self.lit)[self._drawn]
 
     @property
@@ -227,8 +232,8 @@ class Binding:
         s = self._splats
         sh = relit_sh(self.shown.sh, logs, mean)
         if self._looks is not None and rounds:
-            before, relit = self.shown.sh[self._drawn, 0], sh[self._drawn, 0]
-            sh[self._drawn, 0] += self._looks.corrections(before, relit, of_nodes, rounds)
+            before, relit = (self.sketch.mean(each[self._drawn, 0]) for each in (self.shown.sh, sh))
+            sh[self._drawn, 0] += self.sketch.members(self._looks.corrections(before, relit, of_nodes, rounds))
         sh[:, 0] = without_clipping(sh[:, 0], self.shown.sh[:, 0])
         if not self.lit.all():
             sh, relit_rows = s.sh.copy(), sh
@@ -328,9 +333,3 @@ def _key(splats: Splats, scene: Scene, volume: Floats) -> str:
     shown = splats.means, splats.scales, splats.quats_wxyz, splats.opacities, splats.sh[:, 0]
     eyes = np.asarray(scene.capture.get("eyes", ()), np.float64) if scene.is_place else None
     return array_key(*shown, np.asarray(scene.scene_from_splat, np.float64), eyes, volume)
-
-
-def _diffuse(splats: Splats, rows: Mask) -> Splats:
-    return Splats(
-        splats.means[rows], splats.scales[rows], splats.quats_wxyz[rows], splats.opacities[rows], splats.sh[rows, :1]
-    )

@@ -55,12 +55,17 @@ def bumpy_sphere(n, seed=0):
     rng = np.random.default_rng(seed)
     normal = rng.normal(size=(n, 3))
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    means = normal * (1 + 0.2 * np.sin(5 * normal[:, :1]) * np.cos(4 * normal[:, 1:2]))
+    means = bump(normal)
     scales = np.sqrt(4 * np.pi / n) * np.exp(rng.normal(0, 0.4, (n, 3))) * [1, 1, 0.1]
     z = np.broadcast_to([0.0, 0.0, 1.0], (n, 3))
     quats = np.column_stack([1 + normal[:, 2], np.cross(z, normal)])  # the half-way rotation from +z
     opacities = 1 / (1 + np.exp(-rng.normal(1.5, 2, n)))
     return Splats(means, scales, quats, opacities, rng.normal(0, 0.2, (n, 16, 3)))
+
+
+def bump(normal):
+    """The place (N, 3) of its surface in each direction."""
+    return normal * (1 + 0.2 * np.sin(5 * normal[:, :1]) * np.cos(4 * normal[:, 1:2]))
 
 
 def views_around(splats, size):

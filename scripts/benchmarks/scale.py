@@ -1,4 +1,4 @@
-"""Seconds and peak memory of splat2mesh as scenes grow, stage by stage.
+"""Seconds and peak memory of splat2mesh, and with --light of the first light, as scenes grow, stage by stage.
 
 Each scene is generated and converted by a separate process; its time and memory are what the system charged it.
 """
@@ -31,6 +31,7 @@ def arguments(parser):
     add("--kind", default="tabletop", help="kind of scene, see python -m scenes --help (default: %(default)s)")
     add("--degree", type=int, choices=COEFFICIENTS, default=3, help="of the colours (default: %(default)s)")
     add("--detail", default="normal", help="of the conversion (default: %(default)s)")
+    add("--light", metavar="NAME", help="of `relight` after it, whose stages follow")
     add("--repeats", type=int, default=1, metavar="N", help="conversions, the fastest counts (default: %(default)s)")
     add("--folder", type=Path, help="folder that keeps and reuses the scenes (default: temporary)")
 
@@ -45,11 +46,13 @@ def run(options, report):
             splat = scene(folder, options.kind, size, options.degree)
             runs = [convert(splat, Path(temporary) / "scene", options.detail) for _ in range(options.repeats)]
             results.append({"splats": size, **min(runs, key=lambda run: run["cpu"])})
+            if options.light:
+                results[-1] |= light(Path(temporary) / "scene", splat, options.light)
             report.note(" ".join(f"{key}={value:.7g}" for key, value in results[-1].items()))
             if not options.folder:
                 splat.unlink()
     sizes = [result["splats"] for result in results]
-    columns = {"figure": "<16"} | {f"{size:,}": ",.2f" for size in sizes} | {"exponent": ".2f"}
+    columns = {"figure": "<26"} | {f"{size:,}": ",.2f" for size in sizes} | {"exponent": ".2f"}
     table = report.table("seconds, peak in MiB; exponent p of the growth, cost ~ splats^p, of the last step", **columns)
     for key in dict.fromkeys(key for result in results for key in result if key != "splats"):
         costs = [result.get(key, 0.0) for result in results]
@@ -100,14 +103,20 @@ def convert(splat, out, detail):
     ]
     output, wall, usage = charged(command)
     stages = json.loads(output)["seconds"]
+    return {**stages, "start": wall - sum(stages.values()), **_whole(wall, usage)}
+
+
+def light(scene, splat, name):
+    """The same of the first light of a scene: a relit splat."""
+    command = [sys.executable, "-m", "relight", scene, "--splat", splat, "--env", name, "--format", "splat", "-q"]
+    _, wall, usage = charged([*command, "-o", scene.with_name("lit"), "--overwrite"])
+    stages = json.loads((scene.with_name("lit") / "report.json").read_text())["seconds"]
+    return {f"light: {stage}": seconds for stage, seconds in (stages | _whole(wall, usage)).items()}
+
+
+def _whole(wall, usage):
     unit = 2**20 if sys.platform == "darwin" else 2**10  # of ru_maxrss, per MiB
-    return {
-        **stages,
-        "start": wall - sum(stages.values()),
-        "wall": wall,
-        "cpu": usage.ru_utime + usage.ru_stime,
-        "peak": usage.ru_maxrss / unit,
-    }
+    return {"wall": wall, "cpu": usage.ru_utime + usage.ru_stime, "peak": usage.ru_maxrss / unit}
 
 
 def charged(command):

@@ -165,13 +165,17 @@ def _field(look: Look, effort: Effort, vertices: int, stages: Stages) -> tuple[A
 
 
 def merged_look(look: Look) -> Look:
-    """The same with Gaussians that are finer than its views merged, so the work follows what is seen. A surface is seen
-    in a third of the views or so, so its pixels are about three times those of one view."""
-    seen = SIDES_SEEN * max((view.width * view.height for view in look.views), default=0)
-    together = int(len(look.splats) / (PER_PIXEL * seen)) if seen else 1
+    """The same with Gaussians that are finer than its views merged, so the work follows what is seen."""
+    together = merged_count(len(look.splats), max((view.width * view.height for view in look.views), default=0))
     if together < 2:
         return look
     return look._replace(splats=merged(look.splats.in_spatial_order(), together))
+
+
+def merged_count(splats: int, pixels: int) -> int:
+    """How many of so many splats become one in views of so many pixels. A surface is seen in a third of the views or
+    so, so its pixels are about three times those of one view."""
+    return max(1, int(splats / (PER_PIXEL * SIDES_SEEN * pixels))) if pixels else 1
 
 
 def _sugar(look: Look, effort: Effort, vertices: int, stages: Stages) -> tuple[Any, list[RenderedPicture]]:
