@@ -193,8 +193,6 @@ class Choice:
         else:
             decision = f"{settings.bounce_rays} rays" if settings.bounce_rays else "skipped"
             rows.append((BOUNCES, float(measured.bounces[0]), decision))
-            carried = "in RGB" if measured.bleeding > SKIPPED * self._tolerance else "grey would do"
-            rows.append(("color bleeding", measured.bleeding, carried if settings.bounce_rays else "skipped"))
         return rows
 
     def _shadows(self, skip: float) -> tuple[Mask, float]:

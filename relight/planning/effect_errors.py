@@ -132,13 +132,6 @@ class EffectErrors:
         light = self._full * (1.0 - self.sample.solid)[:, None, None]
         return float((self._norm(light) / self.total).max())
 
-    @cached_property
-    def bleeding(self) -> float:
-        """Error of bouncing light without the colours of surfaces."""
-        if self.bounced is None:
-            return 0.0
-        return float((self._halves_norm((self.bounced.halves - self.bounced.grey).sum(axis=1)) / self.total).max())
-
     def check(
         self, transfer: Floats, traced: Mask | None = None, level: int | None = None, image: Radiance | None = None
     ) -> float:
