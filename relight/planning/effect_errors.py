@@ -20,7 +20,7 @@ from ..sh.harmonics import MAX_BANDS
 from . import cells
 from .costs import FOLLOWED
 from .paths import Bounced
-from .sample import Sample
+from .sample import SCAN_VERTICES, Sample
 from .sun_widths import width_error
 
 UNSEEN_AMBIENCE = 1.5
@@ -35,9 +35,9 @@ CLOSER = 4
 needles, was most of what rays were blamed for, and no number of them made it less."""
 
 
-WIDE_PART, MOST_WIDE = 16, 4096
-"""One vertex in so many, but at most so many, show the error of suns as points, and that of bounced light. In a room
-that the sun enters through a window, 384 vertices gave .006 for .028."""
+WIDE_PART = 16
+"""One vertex in so many, but at most SCAN_VERTICES, show the error of suns as points, and that of bounced light. In a
+room that the sun enters through a window, 384 vertices gave .006 for .028."""
 
 
 class EffectErrors:
@@ -156,7 +156,7 @@ class EffectErrors:
 
     @property
     def _wide(self) -> int:
-        return min(MOST_WIDE, max(len(self.sample.rows), int(self.sample.sizes.sum()) // WIDE_PART))
+        return min(SCAN_VERTICES, max(len(self.sample.rows), int(self.sample.sizes.sum()) // WIDE_PART))
 
     def look_closer(self) -> bool:
         """Have `check` know the sample by CLOSER times as many directions; False where it does already."""

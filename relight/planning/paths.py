@@ -27,11 +27,10 @@ class Bounced:
         sample: Sample,
         albedo: Radiance,  # (V, 3) linear
         coefficients: Floats,  # (K, TURNS, 3) of the light, at least FEW_BANDS bands
-        seed: int = 0,
     ) -> None:
         count, turns = len(sample.rows), coefficients.shape[1]
         coefficients = coefficients[: FEW_BANDS**2].reshape(FEW_BANDS**2, -1)
-        random = np.random.default_rng(seed)
+        random = np.random.default_rng(0)
         self.halves = np.zeros((2, FOLLOWED, count, turns, 3))
         occluder = sample.occluder
         start = np.repeat(np.arange(count), PATHS)
