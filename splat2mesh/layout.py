@@ -260,7 +260,7 @@ def _stem(splat: Path) -> str:
     return splat.name.split(".")[0] or splat.name
 
 
-def _numbered(name: str, taken: set[str]) -> str:
+def _numbered(name: str, taken: Collection[str]) -> str:
     number = 2
     while f"{name}-{number}" in taken:
         number += 1

@@ -59,7 +59,8 @@ class NodeRays(NamedTuple):
     @classmethod
     def towards(cls, origins: Points, normals: Directions, directions: Directions) -> "NodeRays":
         """Rays towards the same directions."""
-        return cls(origins, normals, *np.zeros((2, 0, 2), np.float32), directions)
+        none = np.zeros((0, 2), np.float32)
+        return cls(origins, normals, none, none, directions)
 
     @property
     def each(self) -> int:
