@@ -11,7 +11,7 @@ import os
 import sys
 import warnings
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -23,6 +23,7 @@ import scipy
 from .base.arrays import Matrix3, Matrix4
 from .base.choices import DEFAULT_VERTICES
 from .base.errors import DataWarning, InputError
+from .base.gltf import MOST_NODES
 from .base.inputs import read_json, reading
 from .base.progress import Stages
 from .options import LEAST_VERTICES, ConvertOptions
@@ -37,7 +38,6 @@ from .views.upright import UP_CHOICES
 
 _KEYS = ("splat", "name", "position", "rotation_deg", "quat_wxyz", "scale", "up", "vertices", "cameras", "lod")
 _OWN_SETTINGS = ("vertices", "up", "cameras", "lod", "up_from")
-MOST_OBJECTS = 10_000
 LARGEST = 1e6
 """Largest positions and scales: float32 vertices that far out are still exact to a tenth of a unit."""
 
@@ -152,13 +152,14 @@ def read_layout(path: str | os.PathLike[str]) -> list[Placement]:
     unknown = [key for key in content if key != "objects"]
     if unknown:
         raise InputError(f"{path}: unknown key '{unknown[0]}' beside 'objects'")
-    if len(entries) > MOST_OBJECTS:
-        raise InputError(f"{path}: places {len(entries)} objects, expected at most {MOST_OBJECTS}")
-    placements: list[Placement] = []
+    if len(entries) > MOST_NODES:
+        raise InputError(f"{path}: places {len(entries)} objects, expected at most {MOST_NODES}")
+    placements: dict[str, Placement] = {}
     with reading(path):
         for number, entry in enumerate(entries, 1):
-            placements.append(_placement(path, f"{path}: object {number}", entry, {other.name for other in placements}))
-    return placements
+            found = _placement(path, f"{path}: object {number}", entry, placements.keys())
+            placements[found.name] = found
+    return list(placements.values())
 
 
 def _placements(path: str | os.PathLike[str], shared: ConvertOptions) -> list[Placement]:
@@ -178,7 +179,7 @@ _PLAIN: dict[str, tuple[Callable[[Any], bool], str]] = {
 """What values of an entry have to be, and how messages say it."""
 
 
-def _placement(path: Path, where: str, entry: Any, taken: set[str]) -> Placement:
+def _placement(path: Path, where: str, entry: Any, taken: Collection[str]) -> Placement:
     if not isinstance(entry, dict):
         raise InputError(f'{where}: expected {{"splat": FILE, ...}}, found {json.dumps(entry)}')
     unknown = [key for key in entry if key not in _KEYS]
@@ -259,7 +260,7 @@ def _stem(splat: Path) -> str:
     return splat.name.split(".")[0] or splat.name
 
 
-def _numbered(name: str, taken: set[str]) -> str:
+def _numbered(name: str, taken: Collection[str]) -> str:
     number = 2
     while f"{name}-{number}" in taken:
         number += 1

@@ -32,7 +32,6 @@ class DynamicGeometry:
         moving: Iterable[int],
         settings: Settings,
         seed: int,
-        max_speed: float,
         before: "DynamicGeometry | None" = None,
     ) -> None:
         """before: that of the same scene with fewer moving chunks, whose pose and rays are taken over."""
@@ -40,14 +39,9 @@ class DynamicGeometry:
         anchor = Anchor() if before is None else before._traced.anchor
         pose = scene if before is None else before.scene(scene)
         parts = sorted(self.moving)
-        self._traced = DynamicTransfer(pose, parts, settings.bands, settings.rays, seed, max_speed, anchor)
+        self._traced = DynamicTransfer(pose, parts, settings.bands, settings.rays, seed, anchor)
         self._suns: Suns | None = None
         self._sunlight: DynamicSunlight | None = None
-
-    @property
-    def stale(self) -> bool:
-        """Whether some of the light is old, because its chunks moved too fast."""
-        return bool(self._traced.stale)
 
     def transfer(self, settings: Settings | None = None) -> tuple[Transfer, Settings]:
         """(transfer (V, K) float32 in the present pose, the Settings that it was made by): the same for all."""
@@ -61,19 +55,11 @@ class DynamicGeometry:
             self._suns, self._sunlight = suns, DynamicSunlight(self._traced, suns) if len(suns) else None
         return None if self._sunlight is None else self._sunlight.radiance
 
-    def update(
-        self, changes: Mapping[int, tuple[Points, Directions]], seconds: float | None
-    ) -> tuple[Indices, Indices]:
+    def update(self, changes: Mapping[int, tuple[Points, Directions]]) -> tuple[Indices, Indices]:
         """Move chunks, {number: (vertices, normals)}: sorted rows that may have changed, of transfer and of light."""
-        return self._renewed(self._traced.update_all(changes, seconds))
-
-    def catch_up(self) -> tuple[Indices, Indices]:
-        """Compute the postponed part: sorted rows that may have changed, of the transfer and of the light."""
-        return self._renewed(self._traced.catch_up())
+        rows = self._traced.update_all(changes)
+        return rows, rows if self._sunlight is None else np.union1d(rows, self._sunlight.update())
 
     def scene(self, like: Scene) -> Scene:
         """The Scene in its present pose, with all else from another."""
         return scene_at(like, self._traced.vertices, self._traced.normals)
-
-    def _renewed(self, rows: Indices) -> tuple[Indices, Indices]:
-        return rows, rows if self._sunlight is None else np.union1d(rows, self._sunlight.update())

@@ -32,9 +32,6 @@ class PosedGeometry:
     settings: Settings of one of PER_VERTEX; suns are part of the harmonics. moving: numbers of the chunks that moved.
     """
 
-    stale = False
-    """Whether some of the light is old: never."""
-
     def __init__(self, scene: Scene, moving: Iterable[int], settings: Settings, before: "PosedGeometry | None") -> None:
         """before: that of the same scene with fewer moving chunks, whose pose is taken over."""
         self.settings, self.moving = settings._replace(sun_tolerance=0.0), frozenset(moving)
@@ -55,9 +52,7 @@ class PosedGeometry:
         """None: suns are in the harmonics."""
         return None
 
-    def update(
-        self, changes: Mapping[int, tuple[Points, Directions]], seconds: float | None
-    ) -> tuple[Indices, Indices]:
+    def update(self, changes: Mapping[int, tuple[Points, Directions]]) -> tuple[Indices, Indices]:
         """Move chunks, {number: (vertices, normals)}: sorted rows that may have changed, of transfer and of light."""
         for chunk, pose in changes.items():
             shape = self._ends[chunk + 1] - self._ends[chunk], 3
@@ -71,10 +66,6 @@ class PosedGeometry:
             self._transfer[part] = self._of(part)
             rows.append(np.arange(part.start, part.stop))
         return np.concatenate(rows), np.concatenate(rows)
-
-    def catch_up(self) -> tuple[Indices, Indices]:
-        """No rows: nothing was postponed."""
-        return np.zeros(0, np.int64), np.zeros(0, np.int64)
 
     def scene(self, like: Scene) -> Scene:
         """The Scene in its present pose, with all else from another."""

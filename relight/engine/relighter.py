@@ -1,6 +1,5 @@
 """From a scene and lights to radiance: transfer once per geometry, then one small product for every light."""
 
-import math
 from collections.abc import Callable, Mapping
 from collections.abc import Set as AbstractSet
 from copy import copy
@@ -92,7 +91,6 @@ class Relighter:
         tolerance or a budget, each light is planned (`plan_for`).
     stages: Stages that time the work.
     cache: keeps transfers; none by default. `Cache.of_scene(scene)` is in the scene's folder.
-    max_speed: of a vertex that `update` moves, diagonals of the scene per second; above it transfer is computed later.
     precomputed: of another Relighter of the same scene, with its seed and cache, to share traced rays.
     shown: returns (V,) bool, the visible vertices, the only ones lit exactly. Default: all.
     Raises InputError for options outside these and, on first use, for a scene that cannot be lit.
@@ -105,7 +103,6 @@ class Relighter:
         *,
         stages: Stages | None = None,
         cache: "Cache | None" = None,
-        max_speed: float = math.inf,
         precomputed: Precomputed | None = None,
         shown: Callable[[], NDArray[np.bool_]] | None = None,
         **wishes: Any,
@@ -125,7 +122,6 @@ class Relighter:
         self._dynamic: DynamicGeometry | PosedGeometry | None = None
         self._albedo: tuple[NDArray[np.floating], NDArray[np.float32] | None] | None = None
         self._posed: Precomputed | None = None
-        self._max_speed = max_speed
         if self.options.is_planned:
             self._planner = planner.Planner(self.precomputed, self.options, self.stages)
 
@@ -284,24 +280,17 @@ class Relighter:
         other._everything, other._planner, other._latest = settings._replace(shadowed=None), None, None
         return other
 
-    def update(
-        self, chunk: int, vertices: NDArray[np.floating], normals: NDArray[np.floating], seconds: float | None = None
-    ) -> NDArray[np.int64]:
+    def update(self, chunk: int, vertices: NDArray[np.floating], normals: NDArray[np.floating]) -> NDArray[np.int64]:
         """Move one chunk of the scene; see `update_all`."""
-        return self.update_all({chunk: (vertices, normals)}, seconds)
+        return self.update_all({chunk: (vertices, normals)})
 
-    def update_all(
-        self,
-        changes: Mapping[int, tuple[NDArray[np.floating], NDArray[np.floating]]],
-        seconds: float | None = None,  # since these chunks were given before; without, none is taken to be fast
-    ) -> NDArray[np.int64]:
+    def update_all(self, changes: Mapping[int, tuple[NDArray[np.floating], NDArray[np.floating]]]) -> NDArray[np.int64]:
         """Move chunks: the sorted rows, (M,), of vertices whose light may change.
 
         changes: chunk -> (vertices, normals), (V, 3) both, as many of either as it had, scene frame.
-        Only the region that the motion can reach is traced again. A chunk faster than `max_speed` carries its transfer
-        along, until it slows down or `catch_up` is called. Bounces keep the matrix from before the motion until then; a
-        plan's bands and rays stay, with shadows everywhere. Under the methods "analytic" and "neural-gash" every moved
-        vertex is computed anew, without rays. The Scene itself is not changed.
+        Only the region that the motion can reach is traced again. Bounces keep the matrix from before the motion until
+        `catch_up` is called; a plan's bands and rays stay, with shadows everywhere. Under the methods "analytic" and
+        "neural-gash" every moved vertex is computed anew, without rays. The Scene itself is not changed.
         Raises InputError for arrays that do not fit and for the methods "neural" and "blinn-phong".
         """
         check_changes(self.scene, changes)
@@ -309,7 +298,7 @@ class Relighter:
             self._dynamic = self._in_motion(changes.keys() | (self._dynamic.moving if self._dynamic else set()))
             self._direct_light = self._lit(self._dynamic)
         with self.stages.stage("motion"):
-            return self._renewed(*self._dynamic.update(changes, seconds))
+            return self._renewed(*self._dynamic.update(changes))
 
     def _in_motion(self, moving: AbstractSet[int]) -> "DynamicGeometry | PosedGeometry":
         """The geometry of which these chunks may move, in its present pose."""
@@ -326,21 +315,12 @@ class Relighter:
                 raise InputError(f"the method {settings.method} cannot follow motion; leave it at auto")
             settings = self._everything._replace(method="raytraced", bands=DYNAMIC_BANDS, rays=DYNAMIC_RAYS)
         settings = settings._replace(shadowed=None, volume=0)
-        return DynamicGeometry(self.scene, moving, settings, self.seed, self._max_speed, before)
+        return DynamicGeometry(self.scene, moving, settings, self.seed, before)
 
-    def catch_up(self) -> NDArray[np.int64]:
-        """After motion, compute the postponed part, bounces included: the sorted rows whose light may change."""
-        if self._dynamic is None:
-            return np.zeros(0, np.int64)
-        with self.stages.stage("motion"):
-            rows = self._renewed(*self._dynamic.catch_up())
-        self._posed = Precomputed(self._dynamic.scene(self.scene), self.seed, None, self.stages)
-        return rows
-
-    @property
-    def stale(self) -> bool:
-        """Whether `catch_up` has something to do for direct light."""
-        return self._dynamic is not None and self._dynamic.stale
+    def catch_up(self) -> None:
+        """After motion, have light bounce off the present pose."""
+        if self._dynamic is not None:
+            self._posed = Precomputed(self._dynamic.scene(self.scene), self.seed, None, self.stages)
 
     def _tint(self, albedo_linear: NDArray[np.floating] | None) -> NDArray[np.float32] | None:
         """The albedo as (V, 3) float32, None where it is white; looked through once, however many lights follow.

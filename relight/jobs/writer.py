@@ -118,7 +118,7 @@ class Writer:
             nonlocal shading
             poses = animation.at(time_s)
             if time_s > 0.0:
-                job.known.relighter.update_all({chunk: poses[chunk] for chunk in animation.moving}, 1.0 / fps)
+                job.known.relighter.update_all({chunk: poses[chunk] for chunk in animation.moving})
             shading = job.known.relighter.shading(light, albedo)
             return shading.radiance
 

@@ -108,24 +108,10 @@ class Environment:
         return turned
 
     def turned_about(self, axis: Sequence[float], angle_deg: float) -> "Environment":
-        """Return this environment turned further, about any axis.
+        """Return this environment turned further, right-handed about an axis (3,), scene frame, of any length but 0.
 
-        Parameters
-        ----------
-        axis : sequence of float, (3,)
-            Of any length but 0, scene frame.
-        angle_deg : float
-            Active rotation, right-handed about the axis, degrees.
-
-        Returns
-        -------
-        Environment
-            The turned one: about the vertical as `rotated` gives it, about another axis with an image of its own.
-
-        Raises
-        ------
-        InputError
-            For an axis of length 0, and for what is not finite.
+        About the vertical it is as `rotated` gives it, about another axis with an image of its own. Raises InputError
+        for an axis of length 0, and for what is not finite.
         """
         x, y, z = check_axis(axis)
         if x == z == 0.0:

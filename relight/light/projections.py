@@ -92,21 +92,9 @@ def latlong_from_cross(image: Radiance) -> NDArray[np.float32]:
 
 
 def latlong_turned(image: Radiance, rotor: Floats, rotation_deg: float = 0.0) -> NDArray[np.float32]:
-    """Resample a lat-long image as turned by a rotor: L(d) becomes L(R^-1 d).
+    """Resample a lat-long image (H, W, 3) as turned by a rotor of `relight.sh.rotors`, (4,): L(d) becomes L(R^-1 d).
 
-    Parameters
-    ----------
-    image : ndarray, (H, W, 3)
-        Linear radiance, canonical lat-long.
-    rotor : ndarray, (4,)
-        Of `relight.sh.rotors`.
-    rotation_deg : float
-        Turn about +y before it, degrees.
-
-    Returns
-    -------
-    ndarray of float32, (H, 2 H, 3)
-        Canonical lat-long, with the mean radiance of the image.
+    rotation_deg: turn about +y before it. Returns (H, 2 H, 3) float32, with the mean radiance of the image.
     """
     height, width = image.shape[:2]
     ends = [np.roll(image[row : row + 1], width // 2, axis=1) for row in (0, height - 1)]  # beyond a pole

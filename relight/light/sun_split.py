@@ -41,7 +41,7 @@ PARTS = 8  # a side of each texel at most; a sun's disc may be one texel
 _PART_ENERGY = 1.0 / 1024  # of the light, in each part of a texel: well below what one sun holds
 _POOL_HEIGHT = 2 * HEIGHT  # rows of finer images are pooled to so many, of 0.35 degrees: less than the solar disc
 _LLOYD_ROUNDS = 5  # the largest errors come down by up to a tenth, the mean by 2%
-_ENOUGH = 1.1  # of the least estimate: the last tenth can take a hundred suns
+ENOUGH = 1.1  # of the least error that can be reached: the last tenth can take a hundred suns
 GRID = (SKY_HEIGHT, SKY_WIDTH)  # for the estimate: cells of 2.8 degrees, well under the width of a lobe of 10 bands
 
 
@@ -105,7 +105,7 @@ def _split(environment: Environment, bands: int, tolerance: float, limit: int) -
         return environment, Suns.none()
     (missed, _, error), cut, label = _cheapest(cuts, bands, coarse.scale, tolerance, limit)
     if missed:
-        (_, _, error), cut, label = _cheapest(cuts, bands, coarse.scale, error * _ENOUGH, limit)
+        (_, _, error), cut, label = _cheapest(cuts, bands, coarse.scale, error * ENOUGH, limit)
     (suns, variances), rest = _suns(cut.spots, label), image.copy()
     rest[cut.row, cut.column] *= cut.stays[:, None].astype(np.float32)
     width = math.sqrt(max(error**2 - cut.contrast**2, 0.0))

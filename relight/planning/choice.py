@@ -14,7 +14,7 @@ from ..light import sun_split
 from ..light.environment import Environment
 from ..light.suns import Suns
 from ..options import LightingOptions
-from ..transfer.settings import BOUNCES, SHADOWS, SUN, VOLUME, Settings
+from ..transfer.settings import BOUNCE_TOLERANCE, BOUNCES, SHADOWS, SUN, VOLUME, Settings
 from . import costs
 from .costs import RAYS
 from .effect_errors import EffectErrors
@@ -39,13 +39,10 @@ SUN_WIDTH = 0.8
 BUDGET_TOLERANCE = 0.005
 """For what follows a tolerance, where a time is given and not an error."""
 
-NEAR_LEAST = 1.1
-"""Without a setting within the target: the factor on the least error within which the cheapest setting wins."""
-
 MAX_SPLITS = len(SUN_TOLERANCES)
 """How often suns are looked for while a plan is made, in a budget once: that takes longer than all the rest of it."""
 
-STOP_PART, LEAST_STOP = 0.1, 1e-3  # of the tolerance, for the bounces after the last
+STOP_PART = 0.1  # of the tolerance, for the bounces after the last
 
 
 class Leaves(NamedTuple):
@@ -130,7 +127,7 @@ class Choice:
         if good:
             return min(good, key=_quickest)
         least = min(each.error for each in candidates)
-        return min((each for each in candidates if each.error <= NEAR_LEAST * least), key=_quickest)
+        return min((each for each in candidates if each.error <= sun_split.ENOUGH * least), key=_quickest)
 
     def _is_known(self, settings: Settings) -> bool:
         """Whether its suns, if it has any, were found."""
@@ -193,8 +190,6 @@ class Choice:
         else:
             decision = f"{settings.bounce_rays} rays" if settings.bounce_rays else "skipped"
             rows.append((BOUNCES, float(measured.bounces[0]), decision))
-            carried = "in RGB" if measured.bleeding > SKIPPED * self._tolerance else "grey would do"
-            rows.append(("color bleeding", measured.bleeding, carried if settings.bounce_rays else "skipped"))
         return rows
 
     def _shadows(self, skip: float) -> tuple[Mask, float]:
@@ -221,7 +216,7 @@ class Choice:
         all_bands = BANDS if self._bands is None else (self._bands,)
         all_rays = RAYS if self._rays is None else (self._rays,)
         for bands, suns, bounce_rays, rays in product(all_bands, self._sun_choices(), self._bounce_choices(), all_rays):
-            stop = max(LEAST_STOP, STOP_PART * self._tolerance) if bounce_rays else 0.0
+            stop = max(BOUNCE_TOLERANCE, STOP_PART * self._tolerance) if bounce_rays else 0.0
             yield Settings("raytraced", bands, rays, shadowed, suns, bounce_rays, stop, leafy)
 
     def _analytic(self) -> Iterator[Settings]:

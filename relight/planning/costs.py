@@ -15,8 +15,7 @@ RAY = 1.0  # that is traced
 DIRECTION = 0.1  # of each ray, traced or predicted: its direction, and its sums in few bands
 RAY_COEFFICIENT = 0.0016  # per ray and coefficient, in the sums
 VERTEX = 9.0  # neighbours, and what is done once
-COEFFICIENT = 0.22  # averaging and completing, per coefficient
-ANALYTIC_COEFFICIENT = 0.02
+COEFFICIENT = 0.24  # averaging and completing, per coefficient
 PRODUCT_COEFFICIENT = 0.004  # for every light
 CALLS = 1.5e5  # in all: threads that wake, and what is done once whatever the settings
 LIGHT_COEFFICIENT = 4.5e3  # in all, per coefficient: the light's harmonics, .05 s in 8 bands
@@ -78,12 +77,10 @@ def seconds(
     """
     coefficients, traced = settings.bands**2, traced_share * vertices
     rays, once = shadowed_vertices * settings.rays, CALLS + LIGHT_COEFFICIENT * settings.bands**2
-    if not there[0]:
-        once += ANALYTIC_COEFFICIENT * coefficients * vertices
-        if settings.rays:
-            shot = RAY * (unsure if consensus.worth(settings.rays, shadowed_vertices) else 1.0)
-            once += rays * (shot + DIRECTION + RAY_COEFFICIENT * coefficients)
-            once += (VERTEX + COEFFICIENT * coefficients) * vertices
+    if settings.rays and not there[0]:
+        shot = RAY * (unsure if consensus.worth(settings.rays, shadowed_vertices) else 1.0)
+        once += rays * (shot + DIRECTION + RAY_COEFFICIENT * coefficients)
+        once += (VERTEX + COEFFICIENT * coefficients) * vertices
     if settings.sun_tolerance:
         once += SPLIT
     if not there[1]:

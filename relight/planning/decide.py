@@ -12,18 +12,15 @@ from splat2mesh.base.arrays import Integers, Mask, Radiance
 
 from ..light.environment import Environment
 from ..options import DEFAULT_TOLERANCE, LightingOptions
-from ..transfer import volume
 from ..transfer.occluder import Occluder
-from ..transfer.settings import BOUNCES, VOLUME, Settings
+from ..transfer.settings import BOUNCES, VOLUME, VOLUME_DIRECTIONS, VOLUME_ERROR, Settings
 from ..transfer.store import Cache
+from ..transfer.volume import Foliage
 from . import costs
 from .choice import BUDGET_TOLERANCE, SKIPPED, SUN_TOLERANCES, Choice, Leaves
 from .effect_errors import EffectErrors
 from .plan import Plan
 from .sample import Sample, ray_seconds
-
-VOLUME_PART = 0.35
-"""Share of the tolerance for the number of directions on leaves and grass."""
 
 UNSHADOWED = ("analytic", "neural-gash", "blinn-phong")
 """Methods that trace nothing, and march through nothing."""
@@ -60,7 +57,7 @@ class PlannedScene:
     occluder: Occluder
     sizes: Sequence[int] | Integers
     albedo: Radiance | None = None
-    foliage: volume.Foliage | None = None
+    foliage: Foliage | None = None
     traced: Mask | None = None
     cache: Cache | None = None
 
@@ -150,11 +147,8 @@ def leaves_for(
 
     error: of their being surfaces, relative to all light. leafy: their light over all. wish: the tolerance. effects:
     the effects that were requested; None if unspecified. direction_s: seconds for each direction from which light comes
-    to them. vertices: how many of the scene they are. Returns Leaves with the fewest directions whose noise is within
-    its part of the tolerance, or with the most there are.
+    to them. vertices: how many of the scene they are.
     """
-    if not (error > SKIPPED * wish if effects is None else VOLUME in effects):
-        return Leaves(0, error, 0.0, vertices, error)
-    good = [count for count in volume.DIRECTIONS if volume.noise(count) * leafy <= VOLUME_PART * wish]
-    count = min(good, default=max(volume.DIRECTIONS))
-    return Leaves(count, error, count * direction_s, vertices, volume.noise(count) * leafy)
+    if error > SKIPPED * wish if effects is None else VOLUME in effects:
+        return Leaves(VOLUME_DIRECTIONS, error, VOLUME_DIRECTIONS * direction_s, vertices, VOLUME_ERROR * leafy)
+    return Leaves(0, error, 0.0, vertices, error)

@@ -20,7 +20,7 @@ from ..sh.harmonics import MAX_BANDS
 from . import cells
 from .costs import FOLLOWED
 from .paths import Bounced
-from .sample import Sample
+from .sample import SCAN_VERTICES, Sample
 from .sun_widths import width_error
 
 UNSEEN_AMBIENCE = 1.5
@@ -35,9 +35,9 @@ CLOSER = 4
 needles, was most of what rays were blamed for, and no number of them made it less."""
 
 
-WIDE_PART, MOST_WIDE = 16, 4096
-"""One vertex in so many, but at most so many, show the error of suns as points, and that of bounced light. In a room
-that the sun enters through a window, 384 vertices gave .006 for .028."""
+WIDE_PART = 16
+"""One vertex in so many, but at most SCAN_VERTICES, show the error of suns as points, and that of bounced light. In a
+room that the sun enters through a window, 384 vertices gave .006 for .028."""
 
 
 class EffectErrors:
@@ -132,13 +132,6 @@ class EffectErrors:
         light = self._full * (1.0 - self.sample.solid)[:, None, None]
         return float((self._norm(light) / self.total).max())
 
-    @cached_property
-    def bleeding(self) -> float:
-        """Error of bouncing light without the colours of surfaces."""
-        if self.bounced is None:
-            return 0.0
-        return float((self._halves_norm((self.bounced.halves - self.bounced.grey).sum(axis=1)) / self.total).max())
-
     def check(
         self, transfer: Floats, traced: Mask | None = None, level: int | None = None, image: Radiance | None = None
     ) -> float:
@@ -163,7 +156,7 @@ class EffectErrors:
 
     @property
     def _wide(self) -> int:
-        return min(MOST_WIDE, max(len(self.sample.rows), int(self.sample.sizes.sum()) // WIDE_PART))
+        return min(SCAN_VERTICES, max(len(self.sample.rows), int(self.sample.sizes.sum()) // WIDE_PART))
 
     def look_closer(self) -> bool:
         """Have `check` know the sample by CLOSER times as many directions; False where it does already."""

@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Directions, Floats, Radiance
-from splat2mesh.scene.color import luminance
 
 from ..sh import harmonics
 from ..transfer import FEW_BANDS
@@ -21,7 +20,6 @@ class Bounced:
     """Light that reaches the vertices of a sample from other surfaces, for TURNS rotations.
 
     halves: (2, FOLLOWED, S, TURNS, 3), exit radiance of white vertices after 1.. bounces, by half of the paths.
-    grey: the same if each surface had the luminance of its albedo as a grey, so that light keeps its colour.
     """
 
     def __init__(
@@ -29,19 +27,16 @@ class Bounced:
         sample: Sample,
         albedo: Radiance,  # (V, 3) linear
         coefficients: Floats,  # (K, TURNS, 3) of the light, at least FEW_BANDS bands
-        seed: int = 0,
     ) -> None:
         count, turns = len(sample.rows), coefficients.shape[1]
         coefficients = coefficients[: FEW_BANDS**2].reshape(FEW_BANDS**2, -1)
-        random = np.random.default_rng(seed)
+        random = np.random.default_rng(0)
         self.halves = np.zeros((2, FOLLOWED, count, turns, 3))
-        self.grey = np.zeros_like(self.halves)
         occluder = sample.occluder
         start = np.repeat(np.arange(count), PATHS)
         half = np.tile(np.arange(PATHS) % 2, count)
         position, normal = occluder.origins[sample.rows[start]], occluder.normals[sample.rows[start]]
         weight = np.ones((len(start), 3)) / (PATHS / 2)
-        dull = weight.copy()
         for depth in range(FOLLOWED + 1):
             toward = _cosine(normal, random)
             _, face, uv, face_normal = occluder.first_hits(np.concatenate([position, toward], axis=1, dtype=np.float32))
@@ -52,7 +47,6 @@ class Bounced:
                 )
                 at = half[free], np.full(free.sum(), depth - 1), start[free]
                 np.add.at(self.halves, at, light * weight[free][:, None])
-                np.add.at(self.grey, at, light * dull[free][:, None])
             met = np.flatnonzero(face >= 0)
             corners = occluder.faces[face[met]].astype(np.int64)
             shares = np.stack([1.0 - uv[met].sum(axis=1), *uv[met].T], axis=1)
@@ -65,8 +59,7 @@ class Bounced:
             start, half = start[met], half[met]
             position = np.einsum("ik,ikc->ic", shares, occluder.origins[corners]).astype(np.float32)
             normal = outward / np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 1e-12)
-            color = np.einsum("ik,ikc->ic", shares, albedo[corners])
-            weight, dull = weight[met] * color, dull[met] * luminance(color)[:, None]
+            weight = weight[met] * np.einsum("ik,ikc->ic", shares, albedo[corners])
 
 
 def _cosine(normals: Directions, random: np.random.Generator) -> NDArray[np.float32]:

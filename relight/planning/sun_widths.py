@@ -18,7 +18,7 @@ from .sample import Sample
 RAYS = 4
 """To each patch, in two halves whose product has no noise."""
 
-QUARTERS = 4
+QUARTERS = cells.TURNS // 2
 """Rotations of the light, a quarter turn apart."""
 
 FEW = 16

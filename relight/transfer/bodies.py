@@ -15,7 +15,7 @@ from splat2mesh.render.raycaster import RayCaster
 
 from . import sampling
 from .occluder import MIN_OFFSET, Frame, places_of, stood_off
-from .reach import Beams, Box, Hemisphere, blocked
+from .reach import Box, NodeRays, blocked
 from .rings import Rings
 from .visibility import BATCH_RAYS
 
@@ -38,15 +38,15 @@ def placed(frame: Frame, vertices: Points) -> NDArray[np.float32]:
 class Sight:
     """The occlusion of the rays of a body's nodes, as bits (N, bytes) uint8 of `numpy.packbits`.
 
-    rays: Hemisphere or Beams. fixed: bits of rays that the body itself or static geometry stops. others: number of
+    rays: NodeRays. fixed: bits of rays that the body itself or static geometry stops. others: number of
     another body -> bits of rays that it stops and these do not.
     """
 
-    def __init__(self, body: "Body", rays: Hemisphere | Beams, bodies: "Sequence[Body]") -> None:
+    def __init__(self, body: "Body", rays: NodeRays, bodies: "Sequence[Body]") -> None:
         """Trace all rays of a body against all bodies: once they, or this one, are new."""
-        self.rays, self._nodes = rays, np.arange(rays.count)
+        self.rays, self._nodes = rays, np.arange(len(rays.origins))
         self._summed: NDArray[np.uint8] | None = None
-        self.fixed = np.zeros((rays.count, -(-rays.rays // 8)), np.uint8)
+        self.fixed = np.zeros((len(self._nodes), -(-rays.each // 8)), np.uint8)
         for stopping in [bodies[STATIC]] if body.number == STATIC else [bodies[STATIC], body]:
             if stopping.box is not None:
                 self.fixed |= self._stopped(stopping)
@@ -80,7 +80,7 @@ class Sight:
 
     def _stopped(self, body: "Body") -> NDArray[np.uint8]:
         assert body.box is not None  # never called for a body without faces, which stops nothing
-        return blocked(self.rays, self._nodes, body.box, body.occluded, self.fixed)
+        return blocked(self.rays, body.box, body.occluded, self.fixed)
 
 
 class Body:
@@ -118,12 +118,12 @@ class Body:
             self._caster = RayCaster(unit, self.faces)
             self.box = Box.around(unit[self._corners])
 
-    def aim(self, azimuths: NDArray[np.float32], offsets: NDArray[np.float32]) -> Hemisphere:
+    def aim(self, azimuths: NDArray[np.float32], offsets: NDArray[np.float32]) -> NodeRays:
         """The rays of the nodes: azimuths (R, 2), offsets (N, 2). Weights of the neighbours follow too."""
         self.node_origins = np.ascontiguousarray(self.origins[self.nodes])
         self.node_normals = np.ascontiguousarray(self.normals[self.nodes])
         self.rings.bend(self.node_normals)
-        return Hemisphere(self.node_origins, self.node_normals, azimuths, offsets)
+        return NodeRays.over_hemispheres(self.node_origins, self.node_normals, azimuths, offsets)
 
     def occluded(self, rays: NDArray[np.float32]) -> Mask:
         """Whether the body stops the rays, (n, 6) float32 -> (n,) bool."""
@@ -132,15 +132,14 @@ class Body:
     def gather(self, nodes: Indices) -> None:
         """Sum up the rays of some nodes (M,) into model and rest."""
         rays, width = self.sight.rays, self.rest.shape[1]
-        assert isinstance(rays, Hemisphere)  # of `aim`
-        origins, normals, azimuths, offsets = rays.arrays
-        batch = max(1, BATCH_RAYS // rays.rays)
+        origins, normals, azimuths, offsets, _ = rays
+        batch = max(1, BATCH_RAYS // rays.each)
         for start in range(0, len(nodes), batch):
             part = nodes[start : start + batch]
-            shot = np.zeros((len(part), rays.rays, 6), np.float32)
+            shot = np.zeros((len(part), rays.each, 6), np.float32)
             sampling.shoot_at(origins[part], normals[part], azimuths, offsets[part], shot)
             hidden = self.sight.hidden(part)
-            stopped = np.unpackbits(hidden, axis=1, count=rays.rays).view(bool)
+            stopped = np.unpackbits(hidden, axis=1, count=rays.each).view(bool)
             self.sight.summed_up(part, hidden)
             model, rest = np.zeros((len(part), 4), np.float32), np.zeros((len(part), width), np.float32)
             sampling.gather(shot, stopped, normals[part], model, rest)

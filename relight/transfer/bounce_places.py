@@ -19,11 +19,8 @@ from splat2mesh.base.threads import in_slices
 from . import check_rays, sampling
 from .bounce_rows import FINENESS, SIDE
 from .facing import is_front
-from .occluder import Occluder
+from .occluder import BATCH_RAYS, Occluder
 from .receivers import Receivers
-
-BATCH_RAYS = 2**18
-"""Rays in memory at once, 64 bytes each with what they hit; cores share a bounce by as many."""
 
 
 class Shooting(NamedTuple):
@@ -106,7 +103,7 @@ class BouncePlaces(NamedTuple):
 
 
 def batch_of(rays: int) -> int:
-    """Vertices per batch at this number of rays."""
+    """Vertices per batch at this number of rays; cores share a bounce by as many."""
     return max(1, BATCH_RAYS // rays)
 
 

@@ -36,35 +36,6 @@ def unpack(
 
 
 @kernel
-def gather_rgb(
-    rows: NDArray[np.int32],
-    starts: NDArray[np.int64],
-    corners: NDArray[np.uint32],
-    parts: NDArray[np.uint8],
-    scale: NDArray[np.float32],
-    radiance: NDArray[np.float32],
-    result: NDArray[np.float32],
-) -> None:
-    """Products of the rows with radiance (V, 3) into the result (V, 3), times the scale of each, (V,).
-
-    The order of the rays, and so that of the sums, is the vertex's own: renaming vertices changes no bit. Nor does it
-    matter which of several vertices that are equally bright a face has.
-    """
-    for v in range(len(rows)):
-        red, green, blue = 0.0, 0.0, 0.0
-        for i in range(starts[v], starts[v + 1]):
-            a, b, c = corners[i, 0], corners[i, 1], corners[i, 2]
-            second, third = np.float64(parts[i, 0]), np.float64(parts[i, 1])
-            first = FINENESS - second - third
-            red += first * radiance[a, 0] + second * radiance[b, 0] + third * radiance[c, 0]
-            green += first * radiance[a, 1] + second * radiance[b, 1] + third * radiance[c, 1]
-            blue += first * radiance[a, 2] + second * radiance[b, 2] + third * radiance[c, 2]
-        row = rows[v]
-        factor = scale[row] / FINENESS
-        result[row, 0], result[row, 1], result[row, 2] = factor * red, factor * green, factor * blue
-
-
-@kernel
 def gather(
     rows: NDArray[np.int32],
     starts: NDArray[np.int64],
@@ -74,7 +45,11 @@ def gather(
     radiance: NDArray[np.float32],
     result: NDArray[np.float32],
 ) -> None:
-    """The same of radiance (V, C)."""
+    """Products of the rows with radiance (V, C) into the result (V, C), times the scale of each, (V,).
+
+    The order of the rays, and so that of the sums, is the vertex's own: renaming vertices changes no bit. Nor does it
+    matter which of several vertices that are equally bright a face has.
+    """
     width = radiance.shape[1]
     total = np.zeros(width)
     for v in range(len(rows)):

@@ -26,7 +26,7 @@ from splat2mesh.base.threads import in_order, in_slices, read_only
 
 from .bounce_blend import BounceBlend, Met, known_lights
 from .bounce_places import BouncePlaces, Shooting, batch_of
-from .bounce_rows import gather, gather_rgb, unpack
+from .bounce_rows import gather, unpack
 from .checks import check_shape, checked_albedo
 from .neighbors import Neighbors
 from .occluder import Occluder
@@ -150,13 +150,12 @@ class Interreflection:
     def _gathered(self, columns: NDArray[np.float32], scale: NDArray[np.float32]) -> NDArray[np.float32]:
         """(V, C) sums over the hits of each row of columns (V, C), times a scale (V,)."""
         result = np.zeros_like(columns)
-        kernel = gather_rgb if columns.shape[1] == 3 else gather
         batch = batch_of(self.rays)
 
         def work(start: int) -> None:
             part = slice(start, start + batch)
             starts = self._starts[start : start + batch + 1]
-            kernel(self._rows[part], starts, self._corners, self._parts, scale, columns, result)
+            gather(self._rows[part], starts, self._corners, self._parts, scale, columns, result)
 
         deque(in_order(work, range(0, len(self._rows), batch)), maxlen=0)
         return result

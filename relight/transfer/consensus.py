@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from splat2mesh.base.kernels import kernel
 from splat2mesh.base.threads import in_slices, shared
 
-from .occluder import Occluder
+from .occluder import BATCH_RAYS, Occluder
 from .sampling import direction, tangents, turned
 
 LEAST_RAYS = 64
@@ -28,9 +28,6 @@ LEAST_RAYS = 64
 
 LEAST_VERTICES = 10_000
 """On fewer, blocks are wide, and agree on little: of 4,000 vertices of a bumpy sphere 80 to 84% is traced."""
-
-MOST_RAYS = 2**13
-"""Beyond it a block has more rays than should be in memory at once."""
 
 PILOTS = 4
 """One ray in so many is a pilot. Of 8, pilots miss too much: 1.5 times the error at 256 rays."""
@@ -45,7 +42,7 @@ OPEN, HIDDEN, UNSURE = np.uint8(0), np.uint8(1), np.uint8(2)
 def worth(rays: int, vertices: int, earlier: int = 0) -> bool:
     """Whether so many rays of each of so many vertices, after earlier ones, are enough to leave some untraced."""
     enough = earlier >= LEAST_RAYS // PILOTS if earlier else rays >= LEAST_RAYS and rays % PILOTS == 0
-    return enough and rays <= MOST_RAYS and vertices >= LEAST_VERTICES
+    return enough and rays * BLOCK <= BATCH_RAYS and vertices >= LEAST_VERTICES
 
 
 class RaySet(NamedTuple):

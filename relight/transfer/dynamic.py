@@ -7,22 +7,19 @@ The result is, to the bit, that of a new DynamicTransfer of the moved scene with
 depend on the rank of their vertex, which stays, and not on history.
 """
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from splat2mesh.base.arrays import Directions, Faces, Indices, Integers, Mask, Points, Transfer
-from splat2mesh.base.distinct import distinct
+from splat2mesh.base.arrays import Directions, Faces, Indices, Integers, Mask, Points
 from splat2mesh.base.errors import InputError
 from splat2mesh.scene.scene import Scene
 
 from ..sh import harmonics
 from ..sh.normals import unit_normals
 from . import DEFAULT_BANDS, DEFAULT_RAYS, check_rays, sampling
-from .analytic import analytic
 from .bodies import STATIC, Body, Sight, placed
 from .checks import check_shape
 from .filtering import steps_for
@@ -52,7 +49,7 @@ class DynamicTransfer:
 
     Neighbours are averaged within a body only; except for that, the first transfer is that of `raytraced_scene`, to the
     bit if there is one body. transfer: (V, K) float32, vertex order of the scene. bodies: list of Body; the first holds
-    all that never moves. stale: set of the numbers of bodies whose transfer is old, because they were too fast.
+    all that never moves.
     """
 
     def __init__(
@@ -62,11 +59,10 @@ class DynamicTransfer:
         bands: int = DEFAULT_BANDS,
         rays: int = DEFAULT_RAYS,
         seed: int = 0,
-        max_speed: float = math.inf,  # of a vertex, diagonals of the scene per second; what is faster is carried along
         anchor: Anchor = Anchor(),  # noqa: B008
     ) -> None:
         """Raises InputError for chunks not there or named twice, bands outside 1..10, rays outside 1..65536."""
-        self.bands, self.ray_count, self.max_speed = harmonics.check_bands(bands), check_rays(rays), float(max_speed)
+        self.bands, self.ray_count = harmonics.check_bands(bands), check_rays(rays)
         counts = [len(chunk.vertices) for chunk in scene.chunks]
         self._starts = np.append(0, np.cumsum(counts))
         self._body_of = _bodies(moving, len(counts))
@@ -79,9 +75,6 @@ class DynamicTransfer:
         self._offsets = sampling.ranked_offsets(0, len(self._vertices), seed)
         self.transfer = np.zeros((len(self._vertices), self.bands**2), np.float32)
         self.bodies = self._split(np.repeat(self._body_of, counts), faces)
-        self.stale: set[int] = set()
-        # Pose and transfer of what is about to move or was too fast, by the number of the body.
-        self._kept: dict[int, tuple[NDArray[np.float32], NDArray[np.float32], Transfer]] = {}
         known = None if anchor.ranks is None else np.asarray(anchor.ranks)
         if known is not None and known.shape != self.transfer.shape[:1]:
             raise InputError(f"expected a rank for each of {len(self.transfer)} vertices, found {known.shape}")
@@ -114,49 +107,26 @@ class DynamicTransfer:
         """(V, 3) float32, unit: of the pose that was given last."""
         return self._normals
 
-    def update(self, chunk: int, vertices: Points, normals: Directions, seconds: float | None = None) -> Indices:
+    def update(self, chunk: int, vertices: Points, normals: Directions) -> Indices:
         """Move one chunk; see `update_all`."""
-        return self.update_all({chunk: (vertices, normals)}, seconds)
+        return self.update_all({chunk: (vertices, normals)})
 
     def update_all(
         self,
         changes: Changes,  # chunk -> (vertices, normals), (V, 3) each, scene frame: as many as it had
-        seconds: float | None = None,  # since these chunks were given before; without, none is taken to be fast
     ) -> Indices:
         """Bring the transfer up to date: the sorted rows of it that may be new, (M,).
 
-        A body with a vertex faster than `max_speed` is only carried along: its transfer turns with it, what else there
-        is sees it where it was, and its number is in `stale` until an update finds it slower, or `catch_up`.
         Raises InputError for chunks that never move, and arrays that do not fit. Then nothing has changed.
         """
         checked = {chunk: self._checked(chunk, *arrays) for chunk, arrays in changes.items()}
-        moved: dict[int, float] = {}
         for chunk, (vertices, normals) in checked.items():
             rows = slice(self._starts[chunk], self._starts[chunk + 1])
-            number = int(self._body_of[chunk])
-            step = vertices - self._vertices[rows]
-            far = float(np.sqrt(np.einsum("ij,ij->i", step, step).max(initial=0.0))) / self.frame.diagonal
-            moved[number] = max(moved.get(number, 0.0), far)
-            if number not in self._kept:
-                own = self.bodies[number].rows
-                self._kept[number] = self._vertices[own], self._normals[own], self.transfer[own]
             self._vertices[rows], self._normals[rows] = vertices, normals
-        fast = {number for number, far in moved.items() if seconds is not None and far > self.max_speed * seconds}
-        carried = [self._carry(self.bodies[number]) for number in sorted(fast)]
-        self.stale |= fast
-        slow = [self.bodies[number] for number in sorted(set(moved) - fast)]
-        return np.asarray(distinct(np.concatenate([*carried, self._move(slow)])), np.int64)
-
-    def catch_up(self) -> Indices:
-        """Compute what was left out, because bodies were too fast: the sorted rows of the transfer that may be new."""
-        return self._move([self.bodies[number] for number in sorted(self.stale)])
-
-    def _move(self, bodies: Sequence[Body]) -> Indices:
-        for body in bodies:
+        moved = [self.bodies[number] for number in sorted({int(self._body_of[chunk]) for chunk in checked})]
+        for body in moved:
             self._place(body)
-            self.stale.discard(body.number)
-            self._kept.pop(body.number, None)
-        return self._refresh(bodies)
+        return self._refresh(moved)
 
     def _checked(
         self, chunk: int, vertices: Points, normals: Directions
@@ -226,26 +196,6 @@ class DynamicTransfer:
             at = found[part]
             self.transfer[body.rows[part]] = completed(body.normals[part], model[at], rest[at])
         return body.rows[own]
-
-    def _carry(self, body: Body) -> Indices:
-        """Guess the transfer of a body from that of the pose it was last computed in: its rows.
-
-        What shadows took away turns with the body, what an open surface receives follows the normals. Against what is
-        right, under two lights, that is 1 to 3% off where a body turns, 1 to 9% where it moves, 6 to 25% where it
-        twists; to leave the transfer as it is, 1 to 63%; without shadows, 18 to 46%.
-        """
-        vertices, normals, transfer = self._kept[body.number]
-        turn = harmonics.rotation_matrix(_rotation(vertices, self._vertices[body.rows]), self.bands)
-        shadow = transfer - analytic(normals, self.bands)
-        self.transfer[body.rows] = analytic(self._normals[body.rows], self.bands) + shadow @ turn.T.astype(np.float32)
-        return body.rows
-
-
-def _rotation(before: Points, after: Points) -> NDArray[np.float64]:
-    """The rotation (3, 3) that comes closest to taking points (P, 3) to others, about their means (Kabsch, 1976)."""
-    before, after = before - before.mean(axis=0, dtype=np.float64), after - after.mean(axis=0, dtype=np.float64)
-    left, _, right = np.linalg.svd(after.T @ before)
-    return left @ np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))]) @ right
 
 
 def _bodies(moving: Moving, chunks: int) -> NDArray[np.int64]:

@@ -8,14 +8,14 @@ from splat2mesh.base.arrays import Indices
 from ..light.suns import Suns
 from .bodies import Sight
 from .dynamic import DynamicTransfer
-from .reach import Beams
+from .reach import NodeRays
 from .sunlight import cosines, shining
 
 
 class DynamicSunlight:
     """Exit radiance of the white vertices of a DynamicTransfer under suns: as `sunlight.sunlight`.
 
-    radiance: (V, 3) float32. A body that was too fast is lit where it was when its transfer was last computed.
+    radiance: (V, 3) float32.
     """
 
     def __init__(
@@ -37,7 +37,7 @@ class DynamicSunlight:
         rows = [np.zeros(0, np.int64)]
         for body in bodies:
             if body in moved:
-                rays = Beams(body.node_origins, body.node_normals, self._directions)
+                rays = NodeRays.towards(body.node_origins, body.node_normals, self._directions)
                 self._sights[body.number] = Sight(body, rays, self._traced.bodies)
             else:
                 self._sights[body.number].renew(moved)

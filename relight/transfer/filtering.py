@@ -66,19 +66,19 @@ def average(
     accepted = np.float32(noise * TOLERANCE * strict)
     lobe = (harmonics.lambert_coefficients(bands) / np.pi).astype(np.float32)
     tables = legendre_factors(bands), lobe, squared_lobe(bands)
-    rows = neighbors.starts, neighbors.columns
+    ring = Rows(neighbors.vertices, neighbors.starts, neighbors.columns, neighbors.weights)
     guide, old = np.zeros((count, bands**2), np.float32), np.zeros((count, _COLUMNS), np.float32)
     spread, new_spread = np.zeros(count, np.float32), np.zeros(count, np.float32)
     weights, own = np.zeros_like(neighbors.weights), np.zeros(count, np.float32)
     for step in range(steps):
-        in_slices(_guides, count, normals, model, rest, neighbors.vertices, *tables, guide)
+        in_slices(_guides, count, normals, model, rest, ring, *tables, guide)
         if step == 0:
-            in_slices(_partial_shadow, count, *rows, neighbors.weights, guide, spread)
-        in_slices(_weigh, count, *rows, neighbors.weights, guide, spread, accepted, weights, own, new_spread)
+            in_slices(_partial_shadow, count, ring, guide, spread)
+        in_slices(_weigh, count, ring, guide, spread, accepted, weights, own, new_spread)
         spread, new_spread = new_spread, spread
         for first in range(0, 4 + rest.shape[1], _COLUMNS):
-            in_slices(_take, count, model, rest, neighbors.vertices, first, old)
-            in_slices(_blend, count, *rows, weights, own, old, model, rest, neighbors.vertices, first)
+            in_slices(_take, count, model, rest, ring, first, old)
+            in_slices(_blend, count, ring, weights, own, old, model, rest, first)
 
 
 @kernel
@@ -88,7 +88,7 @@ def _guides(
     normals: NDArray[np.float32],
     model: NDArray[np.float32],
     rest: NDArray[np.float32],
-    vertices: NDArray[np.int64],
+    ring: Rows,
     norms: NDArray[np.float32],
     lobe: NDArray[np.float32],
     squared: NDArray[np.float32],
@@ -97,7 +97,7 @@ def _guides(
     """The loss of transfer to shadows, T - A, in the lowest degrees."""
     for i in range(begin, end):
         for k in range(guide.shape[1]):
-            guide[i, k] = rest[vertices[i], k]
+            guide[i, k] = rest[ring.vertices[i], k]
         add_lobes(i, normals, model[i, 0] - np.float32(1), model, norms, lobe, squared, guide)
 
 
@@ -105,9 +105,7 @@ def _guides(
 def _partial_shadow(
     begin: int,
     end: int,
-    starts: NDArray[np.int64],
-    columns: NDArray[np.int32],
-    base: NDArray[np.float32],
+    ring: Rows,
     guide: NDArray[np.float32],
     spread: NDArray[np.float32],
 ) -> None:
@@ -115,9 +113,9 @@ def _partial_shadow(
     scale = np.float32(math.sqrt(4.0 * math.pi))
     for i in range(begin, end):
         weight, total = np.float32(1), guide[i, 0]
-        for at in range(starts[i], starts[i + 1]):
-            weight += base[at]
-            total += base[at] * guide[columns[at], 0]
+        for at in range(ring.starts[i], ring.starts[i + 1]):
+            weight += ring.weights[at]
+            total += ring.weights[at] * guide[ring.columns[at], 0]
         hidden = min(max(-total / weight * scale, np.float32(0)), np.float32(1))
         spread[i] = hidden * (np.float32(1) - hidden) + FLOOR
 
@@ -126,9 +124,7 @@ def _partial_shadow(
 def _weigh(
     begin: int,
     end: int,
-    starts: NDArray[np.int64],
-    columns: NDArray[np.int32],
-    base: NDArray[np.float32],
+    ring: Rows,
     guide: NDArray[np.float32],
     spread: NDArray[np.float32],
     accepted: np.float32,
@@ -139,19 +135,19 @@ def _weigh(
     """Weights of the neighbours and of the node itself, which sum to 1, and the variance of their mean."""
     for i in range(begin, end):
         total = np.float32(1)
-        for at in range(starts[i], starts[i + 1]):
-            j, square = columns[at], np.float32(0)
+        for at in range(ring.starts[i], ring.starts[i + 1]):
+            j, square = ring.columns[at], np.float32(0)
             for k in range(guide.shape[1]):
                 difference = guide[i, k] - guide[j, k]
                 square += difference * difference
             excess = square / (accepted * (spread[i] + spread[j]))
-            weights[at] = base[at] / (np.float32(1) + excess * excess)
+            weights[at] = ring.weights[at] / (np.float32(1) + excess * excess)
             total += weights[at]
         own[i] = np.float32(1) / total
         new_spread[i] = spread[i] * own[i] * own[i]
-        for at in range(starts[i], starts[i + 1]):
+        for at in range(ring.starts[i], ring.starts[i + 1]):
             share = weights[at] * own[i]
-            new_spread[i] += spread[columns[at]] * share * share
+            new_spread[i] += spread[ring.columns[at]] * share * share
 
 
 @kernel
@@ -160,7 +156,7 @@ def _take(
     end: int,
     model: NDArray[np.float32],
     rest: NDArray[np.float32],
-    vertices: NDArray[np.int64],
+    ring: Rows,
     first: int,
     old: NDArray[np.float32],
 ) -> None:
@@ -172,21 +168,19 @@ def _take(
             if column < 4:
                 old[i, k] = model[i, column]
             else:
-                old[i, k] = rest[vertices[i], column - 4] if column < width else np.float32(0)
+                old[i, k] = rest[ring.vertices[i], column - 4] if column < width else np.float32(0)
 
 
 @kernel
 def _blend(
     begin: int,
     end: int,
-    starts: NDArray[np.int64],
-    columns: NDArray[np.int32],
+    ring: Rows,
     weights: NDArray[np.float32],
     own: NDArray[np.float32],
     old: NDArray[np.float32],
     model: NDArray[np.float32],
     rest: NDArray[np.float32],
-    vertices: NDArray[np.int64],
     first: int,
 ) -> None:
     """Add the weighted differences to the neighbours: where they agree, not a bit changes."""
@@ -194,8 +188,8 @@ def _blend(
     change = np.zeros(_COLUMNS, np.float32)
     for i in range(begin, end):
         change[:] = np.float32(0)
-        for at in range(starts[i], starts[i + 1]):
-            share, j = weights[at] * own[i], columns[at]
+        for at in range(ring.starts[i], ring.starts[i + 1]):
+            share, j = weights[at] * own[i], ring.columns[at]
             for k in range(_COLUMNS):
                 change[k] += share * (old[j, k] - old[i, k])
         for k in range(min(_COLUMNS, width - first)):
@@ -203,4 +197,4 @@ def _blend(
             if column < 4:
                 model[i, column] = value
             else:
-                rest[vertices[i], column - 4] = value
+                rest[ring.vertices[i], column - 4] = value

@@ -35,21 +35,7 @@ def stands_for(key: Key, other: Key) -> bool:
     """Whether the transfer of a key serves wherever that of another does."""
     method, bands, rays, chunks, seed, leaves = key
     same = (method, seed) == (other[0], other[4]) and chunks in ("all", other[3])
-    return same and bands >= other[1] and rays >= other[2] and _as_leafy(leaves, other[5])
-
-
-def leaf_directions(key: Key) -> int:
-    """From how many directions light comes to leaves, as the key of a transfer says; 0 where they are surfaces."""
-    count = key[5].split("x")[-1]
-    return int(count) if count.isdigit() else 0
-
-
-def _as_leafy(kept: str, wanted: str) -> bool:
-    """Whether leaves of so many directions, as `Precomputed._leaves` writes them, serve for others."""
-    (*known, count), (*names, least) = kept.split("x"), wanted.split("x")
-    if count.isdigit() and least.isdigit():
-        return known == names and int(count) >= int(least)
-    return kept == wanted
+    return same and bands >= other[1] and rays >= other[2] and leaves == other[5]
 
 
 def chunks_text(shadowed: Sequence[bool] | None) -> str:

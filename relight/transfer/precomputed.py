@@ -10,7 +10,7 @@ from splat2mesh.base.arrays import Transfer
 from splat2mesh.scene.scene import Scene
 
 from .analytic import analytic
-from .kept import SURFACES, Key, arrays_of, chunks_text, key_of, leaf_directions, restored, serves, stands_for
+from .kept import SURFACES, Key, arrays_of, chunks_text, key_of, restored, serves, stands_for
 from .kept_bounces import KeptBounces
 from .neighbors import Neighbors
 from .neuralgash import neural_gash
@@ -64,17 +64,17 @@ class Precomputed(KeptBounces):
         return found
 
     def transfer(self, settings: Settings) -> tuple[Transfer, Settings]:
-        """(transfer (V, K) float32 of at least `settings.bands`, the Settings as done: with the rays and the directions
-        it really has, and a volume only where the scene has one)."""
+        """(transfer (V, K) float32 of at least `settings.bands`, the Settings as done: with the rays it really has, and
+        a volume only where the scene has one)."""
         settings = settings._replace(volume=settings.volume if self.foliage is not None else 0)
         for known, transfer in self._transfers.items():
             if serves(known, settings, self._leaves(settings)):
-                return transfer, settings._replace(rays=known[2], volume=leaf_directions(known))
+                return transfer, settings._replace(rays=known[2])
         found = self._kept(settings) or self._computed(settings)
         while len(self._transfers) >= KEPT_IN_MEMORY:
             self._transfers.pop(next(iter(self._transfers)))
         self._transfers[found[0]] = found[1]
-        return found[1], settings._replace(rays=found[0][2], volume=leaf_directions(found[0]))
+        return found[1], settings._replace(rays=found[0][2])
 
     def alone(self, settings: Settings) -> "Precomputed":
         """The Precomputed whose results under these Settings have no more rays than they say: itself, or where more is
@@ -121,7 +121,6 @@ class Precomputed(KeptBounces):
         """(key, transfer) of what the settings ask for, or of more where more rays were there already."""
         method, bands, count, rays = settings.method, settings.bands, int(self.sizes.sum()), settings.rays
         if rays:
-            settings = self._with_leaves(settings)
             visibility = self._seen(settings)
             rays = visibility.rays
             with self._stages.stage("transfer"):
@@ -149,14 +148,6 @@ class Precomputed(KeptBounces):
     def _keys(self) -> list[Key]:
         """Keys of the cached transfers."""
         return [key for key in map(key_of, self.cache.settings_of("transfer")) if key is not None]
-
-    def _with_leaves(self, settings: Settings) -> Settings:
-        """The Settings, with as many directions for leaves as any transfer of these has: then one may stand for all."""
-        if not settings.volume:
-            return settings
-        stem = self._leaves(settings).rsplit("x", 1)[0]
-        known = [key for key in (*self._transfers, *self._keys()) if key[5].rsplit("x", 1)[0] == stem]
-        return settings._replace(volume=max([settings.volume, *map(leaf_directions, known)]))
 
     def _rows_of(self, rays: int) -> Receivers:
         """The vertices that a transfer of so many rays was made for; one without rays is made for all."""

@@ -1,9 +1,7 @@
-"""Which rays can meet a body at all: those below the horizon, outside its cone, or past its boxes are never traced.
+"""Which rays can meet a body at all: those below the horizon or past its box are never traced.
 
-A body is wrapped into one box. From a vertex, the sphere around the box fills a cone; the rays of a vertex are ranked
-by their height above the horizon (`sampling.fibonacci_azimuths`), so the cone leaves one run of ranks, and of
-these only rays through the box are passed on. All of it errs to the safe side. For an arm over a table this takes
-5 ns a ray of all, of which a tenth reaches Embree, at 100 ns; several boxes per body cost more than they save.
+A body is wrapped into one box, and only rays through it are passed on. All of it errs to the safe side. Several boxes
+per body cost more than they save.
 """
 
 from collections.abc import Callable
@@ -12,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from splat2mesh.base.arrays import Indices, Mask
+from splat2mesh.base.arrays import Directions, Floats, Mask, Points, Vector
 from splat2mesh.base.kernels import kernel
 from splat2mesh.base.threads import in_slices
 
@@ -39,51 +37,54 @@ class Box(NamedTuple):
         return cls(low, high, (low + high) / np.float32(2), radius)
 
 
-class Hemisphere:
-    """The cosine-distributed rays of some nodes, as `sampling.shoot_at` makes them, one by one where they are wanted.
+class NodeRays(NamedTuple):
+    """The rays of N nodes, made one by one where they are wanted.
 
-    count: number of nodes. rays: per node. Bits about them are (N, ceil(rays / 8)) uint8 as of `numpy.packbits`.
+    origins, normals: (N, 3) float32, unit frame and unit. azimuths: (R, 2) float32 and offsets: (N, 2) float32, as
+    `sampling.shoot_at` takes them. directions: (S, 3) float32; with any, the rays of every node go towards these where
+    they are above its horizon, and no others. Bits about rays are (N, bytes) uint8 as of `numpy.packbits`.
     """
 
-    def __init__(
-        self,
-        origins: NDArray[np.float32],
-        normals: NDArray[np.float32],
-        azimuths: NDArray[np.float32],
-        offsets: NDArray[np.float32],
-    ) -> None:
-        self.through, self.arrays = _hemisphere_through, (origins, normals, azimuths, offsets)
-        self.count, self.rays = len(origins), len(azimuths)
+    origins: NDArray[np.float32]
+    normals: NDArray[np.float32]
+    azimuths: NDArray[np.float32]
+    offsets: NDArray[np.float32]
+    directions: NDArray[np.float32]
 
+    @classmethod
+    def over_hemispheres(cls, origins: Points, normals: Directions, azimuths: Floats, offsets: Floats) -> "NodeRays":
+        """Cosine-distributed rays about the normals."""
+        return cls(origins, normals, azimuths, offsets, np.zeros((0, 3), np.float32))
 
-class Beams:
-    """Rays of every node towards the same directions, where these are above its horizon. See Hemisphere."""
+    @classmethod
+    def towards(cls, origins: Points, normals: Directions, directions: Directions) -> "NodeRays":
+        """Rays towards the same directions."""
+        none = np.zeros((0, 2), np.float32)
+        return cls(origins, normals, none, none, directions)
 
-    def __init__(
-        self, origins: NDArray[np.float32], normals: NDArray[np.float32], directions: NDArray[np.float32]
-    ) -> None:
-        self.through, self.arrays = _beams_through, (origins, normals, directions)
-        self.count, self.rays = len(origins), len(directions)
+    @property
+    def each(self) -> int:
+        """Rays of a node."""
+        return len(self.directions) or len(self.azimuths)
 
 
 def blocked(
-    rays: Hemisphere | Beams,
-    rows: Indices,  # (M,) integers, which of its nodes
-    box: Box,  # Box of the body
+    rays: NodeRays,
+    box: Box,  # of the body
     occluded: Callable[[NDArray[np.float32]], Mask],  # of the body: rays (n, 6) float32 -> (n,) bool
-    hidden: NDArray[np.uint8],  # (N, bytes) uint8 of all nodes: rays that need no test
+    hidden: NDArray[np.uint8],  # (N, bytes) uint8: rays that need no test
 ) -> NDArray[np.uint8]:
-    """Which rays the body stops: bits (M, bytes) uint8; rays that are hidden anyway stay 0."""
-    bits = np.zeros((len(rows), -(-rays.rays // 8)), np.uint8)
-    batch = max(1, BATCH_RAYS // max(1, rays.rays))
-    for start in range(0, len(rows), batch):
-        part = rows[start : start + batch]
-        buffer, index = np.zeros((len(part) * rays.rays, 6), np.float32), np.zeros(len(part) * rays.rays, np.int32)
-        used = np.zeros(len(part), np.int64)  # at the first row of each slice; its rays begin at that row's place
-        in_slices(rays.through, len(part), part, *rays.arrays, *box, hidden, buffer, index, used)
+    """Which rays the body stops: bits (N, bytes) uint8; rays that are hidden anyway stay 0."""
+    bits, each = np.zeros_like(hidden), rays.each
+    batch = max(1, BATCH_RAYS // max(1, each))
+    for start in range(0, len(bits), batch):
+        count = min(batch, len(bits) - start)
+        buffer, index = np.zeros((count * each, 6), np.float32), np.zeros(count * each, np.int32)
+        used = np.zeros(count, np.int64)  # at the first row of each slice; its rays begin at that row's place
+        in_slices(_through, count, start, rays, box, hidden, buffer, index, used)
         for first in np.flatnonzero(used):
-            those = slice(first * rays.rays, first * rays.rays + used[first])
-            _mark(index[those], occluded(buffer[those]), rays.rays, bits[start : start + batch])
+            those = slice(first * each, first * each + used[first])
+            _mark(index[those], occluded(buffer[those]), each, bits[start:])
     return bits
 
 
@@ -97,20 +98,13 @@ def _mark(index: NDArray[np.int32], stopped: Mask, rays: int, bits: NDArray[np.u
 
 @kernel
 def _near(
-    px: np.float32,
-    py: np.float32,
-    pz: np.float32,
-    dx: NDArray[np.float32],
-    dy: NDArray[np.float32],
-    dz: NDArray[np.float32],
-    low: NDArray[np.float32],
-    high: NDArray[np.float32],
-    near: Mask,
+    px: np.float32, py: np.float32, pz: np.float32, dx: Vector, dy: Vector, dz: Vector, box: Box, near: Mask
 ) -> None:
-    """Whether rays from a point meet one box, into `near`."""
+    """Whether rays from a point meet the box, into `near`."""
+    low, high = box.low, box.high
     zero, one, tiny = np.float32(0), np.float32(1), np.float32(1e-30)
     lx, ly, lz, hx, hy, hz = low[0] - px, low[1] - py, low[2] - pz, high[0] - px, high[1] - py, high[2] - pz
-    for i in range(len(near)):
+    for i in range(len(near)):  # whole vectors at a time: nothing here branches
         ix = one / (dx[i] if dx[i] != zero else tiny)
         iy = one / (dy[i] if dy[i] != zero else tiny)
         iz = one / (dz[i] if dz[i] != zero else tiny)
@@ -121,104 +115,50 @@ def _near(
 
 
 @kernel
-def _hemisphere_through(
+def _through(
     begin: int,
     end: int,
-    rows: Indices,
-    origins: NDArray[np.float32],
-    normals: NDArray[np.float32],
-    azimuths: NDArray[np.float32],
-    offsets: NDArray[np.float32],
-    low: NDArray[np.float32],
-    high: NDArray[np.float32],
-    center: NDArray[np.float32],
-    radius: np.float32,
+    start: int,
+    rays: NodeRays,
+    box: Box,
     hidden: NDArray[np.uint8],
     buffer: NDArray[np.float32],
     index: NDArray[np.int32],
     used: NDArray[np.int64],
 ) -> None:
-    """Rays of rows[begin:end] that are not hidden and go through the box, into `buffer` from `begin` * rays on.
+    """Rays of the nodes from `start` + `begin` to `start` + `end` that are not hidden and go through the box, into
+    `buffer` from `begin` times the rays of a node on.
 
-    index: row * rays + ray, for each. used[begin]: how many there are.
+    index: (node - start) * rays + ray, for each. used[begin]: how many there are.
     """
-    count, at = len(azimuths), begin * len(azimuths)
-    one = np.float32(1)
+    aimed = len(rays.directions) > 0
+    count = len(rays.directions) if aimed else len(rays.azimuths)
+    at, sun = begin * count, rays.directions
     dx, dy, dz = np.zeros(count, np.float32), np.zeros(count, np.float32), np.zeros(count, np.float32)
     near = np.zeros(count, np.bool_)
     for row in range(begin, end):
-        v = rows[row]
-        nx, ny, nz = normals[v]
-        px, py, pz = origins[v]
-        shift = offsets[v, 0]
-        wx, wy, wz = center[0] - px, center[1] - py, center[2] - pz
-        square, along = wx * wx + wy * wy + wz * wz, wx * nx + wy * ny + wz * nz
-        first, last = 0, count
-        if square > radius * radius:
-            if along < -radius:
-                continue
-            # cos (a - b) and cos (a + b), a between normal and centre, b half the cone's opening.
-            distance = np.sqrt(square)
-            cosine, half_sine = min(max(along / distance, -one), one), radius / distance
-            product = np.sqrt(max(one - cosine * cosine, np.float32(0))) * half_sine
-            half_cosine = np.sqrt(max(one - half_sine * half_sine, np.float32(0)))
-            high_cosine, low_cosine = cosine * half_cosine + product, cosine * half_cosine - product
-            if cosine < half_cosine:  # the normal is outside the cone
-                if high_cosine <= np.float32(-1e-3):
-                    continue
-                high_cosine = max(high_cosine, np.float32(0)) + np.float32(1e-3)
-                first = max(0, int(count * (one - high_cosine * high_cosine) - shift) - 1)
-            if low_cosine > np.float32(1e-3):
-                low_cosine -= np.float32(1e-3)
-                last = min(count, int(count * (one - low_cosine * low_cosine) - shift) + 2)
-        frame, turn = tangents(nx, ny, nz), turned(offsets[v, 1])
-        for i in range(first, last):  # whole vectors at a time: nothing here branches
-            dx[i], dy[i], dz[i] = direction(i, shift, turn, frame, azimuths)
-        _near(px, py, pz, dx[first:last], dy[first:last], dz[first:last], low, high, near[first:last])
-        for i in range(first, last):
-            if near[i] and not hidden[v, i >> 3] & (np.uint8(128) >> np.uint8(i & 7)):
-                buffer[at, 0], buffer[at, 1], buffer[at, 2] = px, py, pz
-                buffer[at, 3], buffer[at, 4], buffer[at, 5] = dx[i], dy[i], dz[i]
-                index[at] = row * count + i
-                at += 1
-    used[begin] = at - begin * count
-
-
-@kernel
-def _beams_through(
-    begin: int,
-    end: int,
-    rows: Indices,
-    origins: NDArray[np.float32],
-    normals: NDArray[np.float32],
-    directions: NDArray[np.float32],
-    low: NDArray[np.float32],
-    high: NDArray[np.float32],
-    center: NDArray[np.float32],
-    radius: np.float32,
-    hidden: NDArray[np.uint8],
-    buffer: NDArray[np.float32],
-    index: NDArray[np.int32],
-    used: NDArray[np.int64],
-) -> None:
-    """Like `_hemisphere_through`, towards given directions above the horizon."""
-    count, at = len(directions), begin * len(directions)
-    dx, dy, dz = directions[:, 0].copy(), directions[:, 1].copy(), directions[:, 2].copy()
-    near = np.zeros(count, np.bool_)
-    for row in range(begin, end):
-        v = rows[row]
-        nx, ny, nz = normals[v]
-        px, py, pz = origins[v]
-        wx, wy, wz = center[0] - px, center[1] - py, center[2] - pz
+        v = start + row
+        nx, ny, nz = rays.normals[v]
+        px, py, pz = rays.origins[v]
+        wx, wy, wz = box.center[0] - px, box.center[1] - py, box.center[2] - pz
         square = wx * wx + wy * wy + wz * wz
-        if square > radius * radius and wx * nx + wy * ny + wz * nz < -radius:
+        if square > box.radius * box.radius and wx * nx + wy * ny + wz * nz < -box.radius:
             continue
-        _near(px, py, pz, dx, dy, dz, low, high, near)
+        if aimed:
+            for i in range(count):
+                dx[i], dy[i], dz[i] = sun[i, 0], sun[i, 1], sun[i, 2]
+        else:
+            frame, shift, turn = tangents(nx, ny, nz), rays.offsets[v, 0], turned(rays.offsets[v, 1])
+            for i in range(count):
+                dx[i], dy[i], dz[i] = direction(i, shift, turn, frame, rays.azimuths)
+        _near(px, py, pz, dx, dy, dz, box, near)
         for i in range(count):
-            above = nx * dx[i] + ny * dy[i] + nz * dz[i] > np.float32(0)
-            if near[i] and above and not hidden[v, i >> 3] & (np.uint8(128) >> np.uint8(i & 7)):
-                buffer[at, 0], buffer[at, 1], buffer[at, 2] = px, py, pz
-                buffer[at, 3], buffer[at, 4], buffer[at, 5] = dx[i], dy[i], dz[i]
-                index[at] = row * count + i
-                at += 1
+            if not near[i] or hidden[v, i >> 3] & (np.uint8(128) >> np.uint8(i & 7)):
+                continue
+            if aimed and nx * dx[i] + ny * dy[i] + nz * dz[i] <= np.float32(0):
+                continue
+            buffer[at, 0], buffer[at, 1], buffer[at, 2] = px, py, pz
+            buffer[at, 3], buffer[at, 4], buffer[at, 5] = dx[i], dy[i], dz[i]
+            index[at] = row * count + i
+            at += 1
     used[begin] = at - begin * count

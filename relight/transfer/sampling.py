@@ -99,10 +99,9 @@ def shoot(
     azimuths: NDArray[np.float32],  # (R, 2) float32 of `fibonacci_azimuths`
     seed: int,
     rays: NDArray[np.float32],  # (V, R, 6) float32, written: origin and unit direction
-    by: tuple[float, float] = (0.0, 0.0),  # of `next_sets`
 ) -> None:
     """Cosine-distributed rays about every normal; each vertex turns and shifts the set as `hashed_offsets` say."""
-    shoot_at(origins, normals, azimuths, moved(hashed_offsets(origins, normals, seed), by), rays)
+    shoot_at(origins, normals, azimuths, hashed_offsets(origins, normals, seed), rays)
 
 
 def shoot_at(

@@ -41,24 +41,12 @@ side of a plant is lit. Relit splats of two gardens whose light is known, in dB:
 WHOLLY = 1.0 - LEAST
 """Volume share from which a vertex is only a volume, and needs no rays."""
 
-DIRECTIONS = tuple(2**power for power in range(7, 12))
-"""From which light comes to volumes, to choose from."""
-
-NOISE, NOISE_POWER = 2.5, -0.77
-"""Relative error of the light of volumes by directions, a law: .06 of 128 to .007 of 2,048, against 4,096, the worst of
-three lights in a trained garden."""
-
 CLEARANCE = 1.0
 """Cells between a probe and where its march begins: leaves that are seen are those before the others."""
 
 NEAR = 12
 """Cells that a march stays in one grid: then it goes on in the next one, whose cells are twice as wide. What is far off
 is seen as a cone sees it, and a direction stands for many."""
-
-
-def noise(directions: int) -> float:
-    """Relative error of the light of volumes by so many directions."""
-    return float(NOISE * directions**NOISE_POWER)
 
 
 class Foliage:
@@ -167,7 +155,7 @@ def transmittance(
     Space outside the grids is empty.
     """
     found = np.zeros((len(points), len(directions)), np.float32)
-    in_slices(_march, len(points), *_as_float64(points, directions), *depth, found)
+    in_slices(_march, len(points), *_as_float64(points, directions), depth, found)
     return found
 
 
@@ -179,7 +167,7 @@ def gathered(
 ) -> NDArray[np.float32]:
     """The sums over the directions of weights times `transmittance`, (M, C) float32, in the order of the directions."""
     found = np.zeros((len(points), weights.shape[1]), np.float32)
-    in_slices(_gather, len(points), *_as_float64(points, directions, weights), *depth, found)
+    in_slices(_gather, len(points), *_as_float64(points, directions, weights), depth, found)
     return found
 
 
@@ -193,16 +181,12 @@ def _march(
     end: int,
     points: NDArray[np.float64],
     directions: NDArray[np.float64],
-    origins: NDArray[np.float64],
-    cells: NDArray[np.float64],
-    shapes: NDArray[np.int64],
-    starts: NDArray[np.int64],
-    depth: NDArray[np.float32],
+    depth: OpticalDepth,
     found: NDArray[np.float32],
 ) -> None:
     for m in range(begin, end):
         for k in range(len(directions)):
-            found[m, k] = _through(points[m], directions[k], origins, cells, shapes, starts, depth)
+            found[m, k] = _through(points[m], directions[k], depth)
 
 
 @kernel
@@ -212,17 +196,13 @@ def _gather(
     points: NDArray[np.float64],
     directions: NDArray[np.float64],
     weights: NDArray[np.float64],
-    origins: NDArray[np.float64],
-    cells: NDArray[np.float64],
-    shapes: NDArray[np.int64],
-    starts: NDArray[np.int64],
-    depth: NDArray[np.float32],
+    depth: OpticalDepth,
     found: NDArray[np.float32],
 ) -> None:
     sums = np.zeros(weights.shape[1])
     for m in range(begin, end):
         for k in range(len(directions)):
-            free = _through(points[m], directions[k], origins, cells, shapes, starts, depth)
+            free = _through(points[m], directions[k], depth)
             if free > 0.0:
                 for c in range(len(sums)):
                     sums[c] += free * weights[k, c]
@@ -231,21 +211,14 @@ def _gather(
 
 
 @kernel
-def _through(
-    point: NDArray[np.float64],
-    direction: NDArray[np.float64],
-    origins: NDArray[np.float64],
-    cells: NDArray[np.float64],
-    shapes: NDArray[np.int64],
-    starts: NDArray[np.int64],
-    depth: NDArray[np.float32],
-) -> float:
+def _through(point: NDArray[np.float64], direction: NDArray[np.float64], depth: OpticalDepth) -> float:
     """exp(-tau) from a point along a direction."""
     dx, dy, dz = direction
+    origins, cells = depth.origins, depth.cells
     gone, passed = CLEARANCE * cells[0], 0.0
     for grid in range(len(cells)):
-        cell, start, last = cells[grid], starts[grid], grid + 1 == len(cells)
-        nx, ny, nz = shapes[grid]
+        cell, start, last = cells[grid], depth.starts[grid], grid + 1 == len(cells)
+        nx, ny, nz = depth.shapes[grid]
         begin = gone / cell + 0.5
         x = (point[0] - origins[grid, 0]) / cell + begin * dx
         y = (point[1] - origins[grid, 1]) / cell + begin * dy
@@ -254,7 +227,7 @@ def _through(
         while last or gone + steps * cell <= NEAR * cell:
             if not (0.0 <= x < nx and 0.0 <= y < ny and 0.0 <= z < nz):
                 break
-            passed += depth[start + (int(x) * ny + int(y)) * nz + int(z)]
+            passed += depth.depth[start + (int(x) * ny + int(y)) * nz + int(z)]
             if passed >= MOST:
                 return 0.0
             x, y, z, steps = x + dx, y + dy, z + dz, steps + 1

@@ -15,7 +15,6 @@ from benchmarks.harness import medians, relative_error, timed
 from benchmarks.shapes import MADE_VERTICES, Shape, shape
 from relight import Environment
 from relight.transfer import DEFAULT_BANDS, DEFAULT_RAYS, sampling
-from relight.transfer.bounce_places import BATCH_RAYS
 from relight.transfer.bounce_rows import FINENESS
 from relight.transfer.bounces import (
     Interreflection,
@@ -23,6 +22,7 @@ from relight.transfer.bounces import (
     visible_fraction,
     with_bounces,
 )
+from relight.transfer.occluder import BATCH_RAYS
 from relight.transfer.raytraced import raytraced_scene
 from relight.transfer.settings import BOUNCE_RAYS
 
@@ -165,6 +165,22 @@ def cast(occluder):
         occluder.first_hits(shot)
 
 
+def diffuse_solid(mesh, path):
+    """A mesh in the colours of its albedo, written to a PLY, as Mitsuba's load_dict takes it."""
+    import mitsuba as mi
+
+    shape = mi.Mesh("scene", len(mesh.vertices), len(mesh.faces), has_vertex_normals=True)
+    shape.add_attribute("vertex_color", 3, np.asarray(mesh.albedo, np.float32).ravel())
+    arrays = mi.traverse(shape)
+    for name, source in (("positions", "vertices"), ("normals", "normals")):
+        arrays[f"vertex_{name}"] = np.asarray(getattr(mesh, source), np.float32).ravel()
+    arrays["faces"] = np.asarray(mesh.faces, np.uint32).ravel()
+    arrays.update()
+    shape.write_ply(path)
+    reflectance = {"type": "mesh_attribute", "name": "vertex_color"}
+    return {"type": "ply", "filename": path, "bsdf": {"type": "diffuse", "reflectance": reflectance}}
+
+
 class PathTracer:
     """Exit radiance of white vertices by Mitsuba, from cosine rays about the same normals, from the same origins.
 
@@ -177,18 +193,8 @@ class PathTracer:
         low, high = mesh.vertices.min(axis=0).astype(float), mesh.vertices.max(axis=0).astype(float)
         self.origins = occluder.origins * np.linalg.norm(high - low) + (low + high) / 2
         self.normals = occluder.normals
-        shape = mi.Mesh("scene", len(mesh.vertices), len(mesh.faces), has_vertex_normals=True)
-        shape.add_attribute("vertex_color", 3, np.asarray(mesh.albedo, np.float32).ravel())
-        arrays = mi.traverse(shape)
-        for name, source in (("positions", "vertices"), ("normals", "normals")):
-            arrays[f"vertex_{name}"] = np.asarray(getattr(mesh, source), np.float32).ravel()
-        arrays["faces"] = np.asarray(mesh.faces, np.uint32).ravel()
-        arrays.update()
-        reflectance = {"type": "mesh_attribute", "name": "vertex_color"}
         with tempfile.TemporaryDirectory() as folder:
-            shape.write_ply(f"{folder}/mesh.ply")
-            solid = {"type": "ply", "filename": f"{folder}/mesh.ply"}
-            solid["bsdf"] = {"type": "diffuse", "reflectance": reflectance}
+            solid = diffuse_solid(mesh, f"{folder}/mesh.ply")
             if not isinstance(light, dict):
                 light = {"light": {"type": "envmap", "bitmap": mi.Bitmap(np.array(light.radiance))}}
             self._scene = mi.load_dict({"type": "scene", "solid": solid, **light})

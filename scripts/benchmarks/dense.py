@@ -9,22 +9,23 @@ import numpy as np
 import open3d as o3d
 
 from benchmarks.harness import growth, timed
-from benchmarks.rasterize import bump, bumpy_sphere, views_around
 from relight.gloss.fits import observed
 from relight.gloss.views import GLANCE, outer_looks
 from relight.splats import Binding, sketch
 from relight.splats import binding as binding_module
 from relight.splats.attachment import Places
 from splat2mesh.render.rasterize import rasterize
+from splat2mesh.render.view import View
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene
+from splat2mesh.splats.splats import Splats
 from splat2mesh.texture.texture import PIXELS
 
 SIZES = (130_000, 400_000, 1_300_000)
 QUICK = ["2000", "4000", "--each"]
 
-SHOWN = 512
-"""Pixels of the pictures that are compared."""
+SHOWN, VIEWS = 512, 8
+"""Pixels of the pictures that are compared, and views around."""
 
 
 def arguments(parser):
@@ -89,3 +90,30 @@ def sphere():
     vertices, normals = (np.asarray(each, np.float32) for each in (ball.vertices, ball.vertex_normals))
     colors = np.full(vertices.shape, 128, np.uint8)
     return Scene.from_mesh(Mesh(vertices, normals, np.asarray(ball.triangles), colors), 100_000)
+
+
+def bumpy_sphere(n, seed=0):
+    """n flat splats of degree 3 on a bumpy unit sphere, about as large as their share of its area."""
+    rng = np.random.default_rng(seed)
+    normal = rng.normal(size=(n, 3))
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    means = bump(normal)
+    scales = np.sqrt(4 * np.pi / n) * np.exp(rng.normal(0, 0.4, (n, 3))) * [1, 1, 0.1]
+    z = np.broadcast_to([0.0, 0.0, 1.0], (n, 3))
+    quats = np.column_stack([1 + normal[:, 2], np.cross(z, normal)])  # the half-way rotation from +z
+    opacities = 1 / (1 + np.exp(-rng.normal(1.5, 2, n)))
+    return Splats(means, scales, quats, opacities, rng.normal(0, 0.2, (n, 16, 3)))
+
+
+def bump(normal):
+    """The place (N, 3) of its surface in each direction."""
+    return normal * (1 + 0.2 * np.sin(5 * normal[:, :1]) * np.cos(4 * normal[:, 1:2]))
+
+
+def views_around(splats, size):
+    """Views from all sides of the middle 98% of the splats, which fill most of the image."""
+    low, high = np.percentile(splats.means, [1, 99], axis=0)
+    center, radius = (low + high) / 2, np.linalg.norm(high - low) / 2
+    angles = 2 * np.pi * np.arange(VIEWS) / VIEWS
+    eyes = center + 2.5 * radius * np.column_stack([np.sin(angles), np.full(VIEWS, -0.3), -np.cos(angles)])
+    return [View.look_at(eye, center, (0, -1, 0), 45, size) for eye in eyes]

@@ -31,7 +31,6 @@ METHODS = (
     ("exact", 5, 64),
     ("exact", 3, 32),
     ("exact", 3, 8),
-    ("carried", 3, 32),
     ("analytic", 3, 0),
 )
 DEFORMATIONS = "twist", "bend", "arm over a table"
@@ -223,9 +222,7 @@ def frame_times(name, scene, arms, bands, rays):
         return times, np.concatenate([analytic(arms[-1][1], bands), rest])
     live = DynamicTransfer(scene, [0], bands, rays)
     live.update(0, *arms[0])
-    if name == "carried":
-        live.max_speed = 0.0
-    times = measured(lambda step: live.update(0, *arms[step + 1], seconds=1 / 30), len(arms) - 1)
+    times = measured(lambda step: live.update(0, *arms[step + 1]), len(arms) - 1)
     return times, live.transfer
 
 

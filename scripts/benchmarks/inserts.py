@@ -9,6 +9,7 @@ import tempfile
 
 import numpy as np
 
+from benchmarks.bounces import diffuse_solid
 from benchmarks.shapes import shape
 from relight import RelightRequest, relight_scene
 from relight.insert.asked import AskedInsert
@@ -81,13 +82,7 @@ def _traced(mesh, standing, light, options):
     both, middle = _Both(mesh, standing), standing.vertices.mean(axis=0).astype(float)
     reach = 3.0 * np.linalg.norm(np.ptp(standing.vertices, axis=0))
     with tempfile.TemporaryDirectory() as folder:
-        _write(both, f"{folder}/both.ply")
-        reflectance = {"type": "mesh_attribute", "name": "vertex_color"}
-        solid = {
-            "type": "ply",
-            "filename": f"{folder}/both.ply",
-            "bsdf": {"type": "diffuse", "reflectance": reflectance},
-        }
+        solid = diffuse_solid(both, f"{folder}/both.ply")
         film = {"type": "hdrfilm", "width": options.side, "height": options.side, "rfilter": {"type": "box"}}
         found = []
         for away in ([0.8, 0.6, 0.5], [-0.8, 0.5, -0.6]):
@@ -118,19 +113,6 @@ def _on_ball(image, sensor, both, standing, first_face, first_vertex):
     uv = hits.uv[rows]
     corners = both.faces[hits.faces[rows]] - first_vertex
     return image.reshape(-1, image.shape[-1])[rows, :3], corners, np.concatenate([1 - uv.sum(1, keepdims=True), uv], 1)
-
-
-def _write(mesh, path):
-    import mitsuba as mi
-
-    shape = mi.Mesh("both", len(mesh.vertices), len(mesh.faces), has_vertex_normals=True)
-    shape.add_attribute("vertex_color", 3, np.asarray(mesh.albedo, np.float32).ravel())
-    arrays = mi.traverse(shape)
-    arrays["vertex_positions"] = np.asarray(mesh.vertices, np.float32).ravel()
-    arrays["vertex_normals"] = np.asarray(mesh.normals, np.float32).ravel()
-    arrays["faces"] = np.asarray(mesh.faces, np.uint32).ravel()
-    arrays.update()
-    shape.write_ply(path)
 
 
 def _seen(radiance, corners, weights):

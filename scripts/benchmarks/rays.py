@@ -12,21 +12,16 @@ per vertex; `shared` counts its occlusion queries only.
 --spare measures the rays that neighbours predict (`transfer.consensus`), at every vertex of MESH, in turn with all of
 them traced: the share that is traced, processor seconds of both and their ratio, errors after averaging at 1,500
 vertices, and the ratio of seconds at equal error, by the power of the rays with which the error falls on the mesh.
-
---speed measures the rest instead: the rays by themselves, the unfiltered transfer made of them, the transfer of the
-scene, and what averaging over neighbours takes of that, medians of three in one process.
 """
 
 import numpy as np
 
-from benchmarks.harness import geometric_mean, medians, relative_error, timed
+from benchmarks.harness import geometric_mean, relative_error, timed
 from benchmarks.shapes import MADE_VERTICES, shape
 from relight.sh import harmonics
-from relight.transfer import DEFAULT_BANDS, DEFAULT_RAYS, consensus, sampling
+from relight.transfer import consensus, sampling
 from relight.transfer.analytic import analytic
-from relight.transfer.filtering import NOISE_POWER, average, steps_for
-from relight.transfer.neighbors import Neighbors
-from relight.transfer.occluder import BATCH_RAYS
+from relight.transfer.filtering import NOISE_POWER
 from relight.transfer.raytraced import raytraced_scene
 from relight.transfer.visibility import Visibility
 from scenes.plain_rays import raytraced
@@ -47,16 +42,12 @@ def arguments(parser):
     parser.add_argument("--reference", type=int, default=4096, help="rays of the reference")
     parser.add_argument("--vertices", type=int, default=MADE_VERTICES, help="of generated meshes")
     parser.add_argument("--spare", action="store_true", help="what neighbours predict, in the most bands")
-    parser.add_argument("--speed", action="store_true", help=f"of {DEFAULT_RAYS} rays in {DEFAULT_BANDS} bands")
 
 
 def run(options, report):
     meshes = [shape(name, options.vertices) for name in options.meshes]
     if options.spare:
         spared(meshes, options, report)
-    elif options.speed:
-        for mesh in meshes:
-            speed(mesh, DEFAULT_BANDS, DEFAULT_RAYS, report)
     else:
         errors_and_times(meshes, options, report)
 
@@ -178,37 +169,3 @@ def shots(occluder, rays, size):
         shot = np.zeros((len(occluder.origins[part]), rays, 6), np.float32)
         sampling.shoot(occluder.origins[part], occluder.normals[part], azimuths, 0, shot)
         yield part, shot
-
-
-def speed(mesh, bands, rays, report):
-    """Medians of three of what ray traced transfer is made of."""
-    occluder = mesh.occluder
-    raytraced_scene(occluder, bands, 4)  # compiles, and builds the tree
-    count = len(occluder.origins)
-    ready = [shot for _, shot in shots(occluder, rays, BATCH_RAYS // rays)]
-    model, rest = np.zeros((count, 4), np.float32), np.zeros((count, bands**2), np.float32)
-
-    def filtered():
-        """All of `raytraced_scene` that is not there in `raytraced`, on values of no meaning."""
-        neighbors = Neighbors(occluder.origins, occluder.normals, occluder.faces)
-        nodes = neighbors.vertices
-        average(neighbors, occluder.normals[nodes], model[nodes], rest, rays, steps_for(rays, bands))
-
-    works = {
-        "occluder build": lambda: mesh.occluder,
-        "test_occlusions": lambda: [occluder.occluded(shot) for shot in ready],
-        "transfer": lambda: raytraced(occluder, EVERY, bands, rays),
-        "of the scene": lambda: raytraced_scene(occluder, bands, rays),
-        "averaging": filtered,
-    }
-    found = medians(works, 3)
-    title = f"{mesh.name}: {count:,} vertices, {len(mesh.faces):,} faces, {rays} rays, {bands} bands"
-    table = report.table(title, work="<16", wall_s=".3f", cpu_s=".3f", cpu_ns_per_ray=".1f")
-    for name, (_, wall, cpu) in found.items():
-        table.add(work=name, wall_s=wall, cpu_s=cpu, cpu_ns_per_ray=1e9 * cpu / count / rays)
-    bare, full = found["test_occlusions"], found["transfer"]
-    shares = f"{bare.wall / full.wall:.2f} (wall) and {bare.cpu / full.cpu:.2f} (cpu)"
-    report.note(f"transfer reaches {shares} of the throughput of test_occlusions")
-    part = found["averaging"]
-    shares = f"{rays * part.wall / full.wall:.1f} (wall), {rays * part.cpu / full.cpu:.1f} (cpu)"
-    report.note(f"averaging takes as long as {shares} rays per vertex")

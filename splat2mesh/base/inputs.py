@@ -27,10 +27,7 @@ GIB = MIB << 10
 """Bytes that a file may take, unpacked or as a picture, where nothing says more."""
 
 FREE = MIB
-"""Bytes, or pixels, that any part of a file may take, however small the rest is."""
-
-FREE_SPLATS = 1_000_000
-"""Splats that any file may declare: they take a few hundred megabytes."""
+"""Bytes, pixels, splats or nodes that any part of a file may have, however small the rest is."""
 
 LEAST_SPLAT_BYTES = 6
 """Bytes that a splat takes, at least, where there are many: places and rotations are noise to every packer, and real
@@ -128,7 +125,7 @@ _PACKED = (EOFError, OSError, SyntaxError, OverflowError, TypeError, NotImplemen
 
 def check_count(path: str | os.PathLike[str], count: int, size: int, what: str = "splats") -> None:
     """Raise InputError where `count` splats, announced by a header, cannot be in so many bytes of packed data."""
-    most = max(FREE_SPLATS, size // LEAST_SPLAT_BYTES)
+    most = max(FREE, size // LEAST_SPLAT_BYTES)
     if count > most:
         raise InputError(
             f"{path} announces {count:,} {what} in {size:,} bytes, expected at most {most:,}: it is damaged, "

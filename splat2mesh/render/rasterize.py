@@ -14,20 +14,19 @@ from numpy.typing import NDArray
 from ..base.arrays import DepthMap, Floats
 from ..base.kernels import kernel
 from ..base.threads import shared
-from ..splats.splats import INVISIBLE_OPACITY, Splats
+from ..splats.splats import Splats
 from .footprints import MAX_ALPHA, NEAR, TILE, Batch, Footprint, camera_of, footprint_batches, pixel_range
 from .screentiles import AREA, ScreenTiles
 from .view import View
 
 MIN_TRANSMITTANCE = np.float32(1e-4)  # a pixel that lets less through is finished
-MIN_DEPTH_ALPHA = INVISIBLE_OPACITY / 2  # below this a pixel has no expected depth; what is drawn leaves more
 ZERO, HALF, ONE = np.float32(0), np.float32(0.5), np.float32(1)
 
 CLOSING_INTERVAL = 8  # splats blended between two looks whether a tile is finished
 
 # What is kept of a pixel while splats are blended into it: the planes of its tile's block of floats.
-PLANES = 6
-RED, GREEN, BLUE, DEPTH, TRANSMITTANCE, MEDIAN = (np.uint64(plane * AREA) for plane in range(PLANES))
+PLANES = 5
+RED, GREEN, BLUE, TRANSMITTANCE, MEDIAN = (np.uint64(plane * AREA) for plane in range(PLANES))
 
 
 @dataclass(frozen=True)
@@ -36,15 +35,12 @@ class Rendering:
 
     color: (H, W, 3) float32 sRGB, premultiplied (over black); over a background b: color + (1 - alpha) b.
     alpha: (H, W) float32 in [0, 1].
-    depth_expected: (H, W) float32 camera z of the splats' centres, mean by their shares of the pixel;
-        NaN where alpha < 0.5 / 255.
     depth_median: (H, W) float32 camera z of the centre of the splat at which the transmittance first drops to
         0.5; NaN where it never does.
     """
 
     color: NDArray[np.float32]
     alpha: NDArray[np.float32]
-    depth_expected: DepthMap
     depth_median: DepthMap
 
 
@@ -59,15 +55,12 @@ def rasterize(splats: Splats, view: View, near: float = NEAR) -> Rendering:
     Raises InputError when `near` is not positive.
     """
     camera = camera_of(view, near)
-    tiles = ScreenTiles.empty(camera, PLANES, transmittance=4, median=5)
+    tiles = ScreenTiles.empty(camera, PLANES, transmittance=3, median=4)
     for batch in footprint_batches(splats, camera, tiles.open):
         _blend(len(tiles.open), batch, tiles)
     images = tiles.images(camera)
-    depth_sum, transmittance, depth_median = images[3:]
-    alpha = 1 - transmittance
-    drawn = alpha >= MIN_DEPTH_ALPHA
-    depth_expected = np.divide(depth_sum, alpha, out=np.full_like(alpha, np.nan), where=drawn)
-    return Rendering(np.stack(list(images[:3]), axis=-1), alpha, depth_expected, depth_median.copy())
+    transmittance, depth_median = images[3:]
+    return Rendering(np.stack(list(images[:3]), axis=-1), 1 - transmittance, depth_median.copy())
 
 
 @shared
@@ -110,7 +103,6 @@ def _blend_row(block: Floats, first: np.uint64, s: Footprint, q_y: np.float32, d
         block[RED + i] += weight * red
         block[GREEN + i] += weight * green
         block[BLUE + i] += weight * blue
-        block[DEPTH + i] += weight * depth
         median = block[MEDIAN + i]
         block[MEDIAN + i] = depth if (before > HALF) & (after <= HALF) else median
         block[TRANSMITTANCE + i] = after

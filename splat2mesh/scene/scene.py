@@ -92,39 +92,13 @@ class Scene:
 
     @classmethod
     def from_mesh(cls, mesh: Mesh, max_chunk_vertices: int = DEFAULT_MAX_VERTICES, **fields: Any) -> "Scene":
-        """Cut a mesh into chunks.
-
-        Parameters
-        ----------
-        mesh : Mesh
-            In the scene frame.
-        max_chunk_vertices : int
-        **fields
-            Other fields of the Scene.
-
-        Returns
-        -------
-        Scene
-        """
+        """Cut a Mesh in the scene frame into chunks. fields: other fields of the Scene."""
         return cls(split(mesh, max_chunk_vertices), **fields)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "Scene":
-        """Read a scene folder, or any mesh file as a scene of one chunk in its own vertex order.
-
-        Parameters
-        ----------
-        path : path
-
-        Returns
-        -------
-        Scene
-
-        Raises
-        ------
-        InputError
-            For anything else, for a broken folder and for a newer schema version.
-        """
+        """Read a scene folder, or any mesh file as a scene of one chunk in its own vertex order. Raises InputError for
+        anything else, for a broken folder and for a newer schema version."""
         path = Path(path)
         if not os.path.exists(path):
             raise InputError(f"{path}: no such scene folder or mesh file")
@@ -136,19 +110,8 @@ class Scene:
             return cls(chunks, path=path, background=background, **kept)
 
     def save(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
-        """Write the scene folder; it appears complete or not at all.
-
-        Parameters
-        ----------
-        path : path
-        overwrite : bool
-            Whether an existing scene folder may be replaced.
-
-        Raises
-        ------
-        InputError
-            When `path` exists, unless it is a scene folder and may be overwritten.
-        """
+        """Write the scene folder; it appears complete or not at all. Raises InputError when `path` exists, unless it is
+        a scene folder and may be replaced (`overwrite`)."""
         write_folder(self, path, overwrite)
         self.path = Path(path)
 

@@ -100,29 +100,11 @@ class Splats:
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], lod: int | str = "auto") -> "Splats":
-        """Read any supported splat.
+        """Read any supported splat: every row in its order, not cleaned (see `clean`).
 
-        Parameters
-        ----------
-        path : path
-            A file or folder, as for `formats.read_splats`.
-        lod : int or "auto"
-            Level of detail of a streamed SOG, 0 being the finest.
-
-        Returns
-        -------
-        Splats
-            Every row of the file in its order, not cleaned (see `clean`).
-
-        Raises
-        ------
-        InputError
-            When a file is missing, empty, cut short, or of another kind.
-
-        Warns
-        -----
-        DataWarning
-            When "auto" passes over a finer level.
+        path: a file or folder, as for `formats.read_splats`. lod: level of detail of a streamed SOG, 0 being the
+        finest. Raises InputError when a file is missing, empty, cut short, or of another kind. Warns with a DataWarning
+        when "auto" passes over a finer level.
         """
         splats: Splats = cls.files.read_splats(path, lod)
         return splats
@@ -130,25 +112,10 @@ class Splats:
     def save(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
         """Write the splats in the format of the name's suffix; the file appears only once it is complete.
 
-        Parameters
-        ----------
-        path : path
-            Ends in .ply, which is exact, or in .spz, .compressed.ply or .sog, which are small and quantised.
-        overwrite : bool
-            Whether a file of that name may be replaced.
+        path: ends in .ply, which is exact, or in .spz, .compressed.ply or .sog, which are small and quantised. Raises
+        InputError for another suffix, for a folder, and for a file that exists and may not be replaced. Warns with a
+        DataWarning about data that the format cannot hold.
 
-        Raises
-        ------
-        InputError
-            For another suffix, for a folder, and for a file that exists and may not be replaced.
-
-        Warns
-        -----
-        DataWarning
-            About data that the format cannot hold.
-
-        Examples
-        --------
         >>> splats = Splats.load("garden.ply")  # doctest: +SKIP
         >>> splats.take(splats.opacities > 0.1).save("garden.spz")  # doctest: +SKIP
         """
@@ -167,48 +134,21 @@ class Splats:
         return DEGREE_OF_COEFFICIENTS[self.sh.shape[1]]
 
     def take(self, rows: slice | NDArray[Any]) -> "Splats":
-        """Return some of the splats.
-
-        Parameters
-        ----------
-        rows : slice or ndarray
-            Indices, a slice, or an (N,) boolean mask.
-
-        Returns
-        -------
-        Splats
-            Those at `rows`, in that order.
-        """
+        """Return the splats at some rows, in that order. rows: indices, a slice, or an (N,) boolean mask."""
         names = [name for name in (*NUMBERS, "environment") if getattr(self, name) is not None]
         return replace(self, **{name: getattr(self, name)[rows] for name in names})
 
     def in_spatial_order(self) -> "Splats":
-        """Return the same splats along a Z-order curve: neighbours in space are neighbours in memory.
-
-        Returns
-        -------
-        Splats
-            In the order of `spatial_order`. Means must be finite.
-        """
+        """Return the same splats in the order of `spatial_order`. Means must be finite."""
         return self.take(self.spatial_order())
 
     def spatial_order(self) -> NDArray[np.int64]:
-        """Return the rows along a Z-order curve.
-
-        Returns
-        -------
-        ndarray of int64, (N,)
-        """
+        """Return the rows, (N,) int64, along a Z-order curve: neighbours in space are neighbours in memory."""
         return rows_along_curve(self.means)
 
     def rotation_matrices(self) -> NDArray[np.float32]:
-        """Return the rotations as matrices.
-
-        Returns
-        -------
-        ndarray of float32, (N, 3, 3)
-            world_from_splat: column i is the world direction of the splat's axis i.
-        """
+        """Return the rotations as matrices, (N, 3, 3) float32, world_from_splat: column i is the world direction of the
+        splat's axis i."""
         w, x, y, z = self.quats_wxyz.T
         rows = (
             (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
@@ -218,13 +158,8 @@ class Splats:
         return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
     def covariances(self) -> NDArray[np.float32]:
-        """Return the covariances R diag(scales^2) R^T.
-
-        Returns
-        -------
-        ndarray of float32, (N, 3, 3)
-            World frame, squared world units, exactly symmetric.
-        """
+        """Return the covariances R diag(scales^2) R^T, (N, 3, 3) float32, world frame, squared world units, exactly
+        symmetric."""
         half = self.rotation_matrices() * self.scales[:, None, :]
         return np.einsum("nik,njk->nij", half, half)
 
@@ -234,26 +169,10 @@ class Splats:
         return SH_C0 * self.sh[:, 0] + np.float32(0.5)
 
     def colors_toward(self, eye: ArrayLike) -> NDArray[Any]:
-        """Return the colours as seen from a point.
+        """Return the colours, (N, 3) float32 sRGB, at least 0, as seen from an eye, (3,) in world units.
 
-        Parameters
-        ----------
-        eye : array-like, (3,)
-            World units.
-
-        Returns
-        -------
-        ndarray of float32, (N, 3)
-            sRGB, at least 0.
-
-        Raises
-        ------
-        InputError
-            For an eye of another shape.
-
-        Notes
-        -----
-        The harmonics are evaluated in the direction from the eye to each centre, as the 3DGS rasteriser does.
+        The harmonics are evaluated in the direction from the eye to each centre, as the 3DGS rasteriser does. Raises
+        InputError for an eye of another shape.
         """
         eye = np.asarray(eye, np.float32)
         if eye.shape != (3,):

@@ -50,12 +50,12 @@ RING = 6
 """Blocks around a tile's core in which its surface is found too: what a vertex on the border and its normal depend on
 lies within five."""
 
-INFLUENCE = 11
-"""Blocks from the surface point of a pixel within which it gives evidence of space: marks reach 3, truncation and free
-space 6 along z, which is 10.4 along the ray in the corner of a view."""
-
 CARVE = 6
 """Blocks in front of a surface, along z, that count as seen to be free."""
+
+INFLUENCE = math.ceil(math.sqrt(3) * CARVE)
+"""Blocks from the surface point of a pixel within which it gives evidence of space: marks reach 3, truncation and free
+space CARVE along z, which is sqrt 3 times as far along the ray in the corner of a view."""
 
 GB_PER_SPLAT = 5.0e-6
 """Of the peak of a process, what a splat of the core and its halo adds: 2e-6 in generated cities,

@@ -5,7 +5,7 @@ from scipy.spatial.transform import Rotation
 
 from splat2mesh.base.arrays import Floats
 from splat2mesh.render.footprints import DILATION, GUARD_BAND, MIN_ALPHA, NEAR
-from splat2mesh.render.rasterize import MAX_ALPHA, MIN_DEPTH_ALPHA, MIN_TRANSMITTANCE, Rendering
+from splat2mesh.render.rasterize import MAX_ALPHA, MIN_TRANSMITTANCE, Rendering
 from splat2mesh.render.view import View
 from splat2mesh.splats.splats import Splats
 
@@ -18,7 +18,6 @@ def rasterize_reference(splats: Splats, view: View, near: float = NEAR) -> Rende
     pixels = np.stack(np.meshgrid(np.arange(view.width) + 0.5, np.arange(view.height) + 0.5), axis=-1)
 
     image = np.zeros((view.height, view.width, 3))
-    depth_sum = np.zeros((view.height, view.width))
     depth_median = np.full((view.height, view.width), np.nan)
     transmittance = np.ones((view.height, view.width))
     for i in np.argsort(depth.astype(np.float32), kind="stable"):
@@ -30,14 +29,10 @@ def rasterize_reference(splats: Splats, view: View, near: float = NEAR) -> Rende
         alpha[(alpha < MIN_ALPHA) | (transmittance < MIN_TRANSMITTANCE)] = 0
         weight, after = transmittance * alpha, transmittance * (1 - alpha)
         image += weight[..., None] * color[i]
-        depth_sum += weight * depth[i]
         depth_median[(transmittance > 0.5) & (after <= 0.5)] = depth[i]
         transmittance = after
 
-    alpha = 1 - transmittance
-    with np.errstate(invalid="ignore"):
-        depth_expected = np.where(alpha >= MIN_DEPTH_ALPHA, depth_sum / alpha, np.nan)
-    return Rendering(*(a.astype(np.float32) for a in (image, alpha, depth_expected, depth_median)))
+    return Rendering(*(a.astype(np.float32) for a in (image, 1 - transmittance, depth_median)))
 
 
 def project(splats: Splats, view: View) -> tuple[Floats, Floats, Floats]:

@@ -1,4 +1,4 @@
-"""What networks learn from: meshes, labels and the published data set; and the training itself, where torch is."""
+"""What networks learn from: meshes and labels; and the training itself, where torch is."""
 
 import subprocess
 import sys
@@ -15,7 +15,7 @@ from relight.transfer.analytic import analytic
 from relight.transfer.neuralgash import unit_points
 from scenes import shapes
 from splat2mesh.base.errors import InputError
-from training import dataset, meshes
+from training import meshes
 from training.labels import as_rgb, transfer_labels
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -89,47 +89,6 @@ def test_rows_of_27_hold_three_colours_of_each_harmonic():
     rows = as_rgb(grey)
     assert rows.shape == (2, 27)
     assert all(rows[1, 3 * j + k] == grey[1, j] for j in range(9) for k in range(3))
-
-
-def publish(folder, name, vertices, normals, rows):
-    for suffix, table in ((".coefficients.txt", rows), ("_vertices.txt", vertices), ("_normals.txt", normals)):
-        np.savetxt(folder / (name + suffix), table)
-
-
-def test_the_published_files_come_in_our_basis(tmp_path):
-    """Rows of what an open sky gives, the harmonics of the other phase written out by hand."""
-    rng = np.random.default_rng(3)
-    normals = rng.normal(size=(20, 3))
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    x, y, z = normals.T
-    lobes = np.repeat([1.0, 2 / 3, 1 / 4], [1, 3, 5])
-    phased = np.stack([1 + 0 * x, -y, z, -x, x * y, -y * z, 3 * z * z - 1, -x * z, x * x - y * y], axis=1)
-    scales = np.sqrt(np.array([1, 3, 3, 3, 15, 15, 5 / 4, 15, 15 / 4]) / (4 * np.pi))
-    publish(tmp_path, "ball", normals * 2, normals, as_rgb(phased * scales * lobes) * np.tile([1.0, 2.0, 3.0], 9))
-    (found,) = dataset.published_meshes(tmp_path)
-    assert found.name == "ball" and found.transfer.shape == (20, 9, 3)
-    np.testing.assert_allclose(found.vertices, 2 * normals, rtol=1e-6)
-    for color in range(3):
-        np.testing.assert_allclose(found.transfer[..., color], (color + 1) * analytic(normals, 3), atol=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("spoil", "says"),
-    [
-        (lambda folder: (folder / "a_normals.txt").unlink(), "a_normals.txt: expected a file of 3 numbers"),
-        (lambda folder: (folder / "a_normals.txt").write_text("1 0 0\n"), "4 vertices, 1 normals, 4 rows"),
-        (lambda folder: np.savetxt(folder / "a_vertices.txt", np.zeros((4, 2))), "found 2 numbers a row"),
-        (lambda folder: np.savetxt(folder / "a_vertices.txt", np.full((4, 3), np.nan)), "not finite"),
-        (lambda folder: (folder / "a_vertices.txt").write_text("a b c\n"), "expected 3 numbers a row"),
-        (lambda folder: (folder / "a.coefficients.txt").unlink(), "found none"),
-    ],
-)
-def test_published_files_that_do_not_fit_are_named(tmp_path, spoil, says):
-    publish(tmp_path, "a", np.ones((4, 3)), np.ones((4, 3)), np.ones((4, 27)))
-    assert len(list(dataset.published_meshes(tmp_path))) == 1
-    spoil(tmp_path)
-    with pytest.raises(InputError, match=says):
-        list(dataset.published_meshes(tmp_path))
 
 
 @pytest.fixture(scope="module")

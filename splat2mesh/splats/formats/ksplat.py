@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.errors import InputError
-from ...base.inputs import file_size
+from ...base.inputs import FREE, file_size
 from ..joining import joined
 from ..splats import DEGREE_OF_COEFFICIENTS, Splats
 from .encoding import sh_from_color
@@ -24,7 +24,6 @@ _HEADER_BYTES, _SECTION_BYTES = 4096, 1024
 _HEADER = struct.Struct("<BBxxIIIIH14xff")  # version, sections, used ones, splats at most, splats, level, SH bounds
 _SECTION = struct.Struct("<IIIIfHxxIIIIH")
 _USUAL_SH = 1.5  # bounds of the harmonics where the header has 0
-_MOST_SECTIONS = 1 << 16
 _TYPES = ("<f4", "<f4", "<f4"), ("<u2", "<f2", "<f2"), ("<u2", "<f2", "u1")
 """Of the positions, of scales and rotations, and of the harmonics, by level."""
 _USUAL_RANGE = 1, *[np.iinfo(code).max // 2 for code, *_ in _TYPES[1:]]
@@ -37,7 +36,7 @@ def looks_like(head: bytes) -> bool:
     if len(head) < _HEADER.size:
         return False
     major, minor, sections, used, _, splats, level, _, _ = _HEADER.unpack_from(head)
-    return major == 0 and 1 <= minor < 32 and 0 < sections <= _MOST_SECTIONS and level < 3 and splats > 0 < used
+    return major == 0 and 1 <= minor < 32 and 0 < sections <= FREE and level < 3 and splats > 0 < used
 
 
 def read(path: str | os.PathLike[str]) -> Splats:

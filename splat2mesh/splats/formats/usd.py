@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ...base.errors import InputError
 from ...base.extras import needed
-from ...base.inputs import check_count, file_size
+from ...base.inputs import FREE, check_count, file_size
 from ...base.usd_trial import check_opens
 from ..facts import FileFacts
 from ..joining import joined
@@ -24,9 +24,6 @@ from .encoding import sh_from_color, warn_beyond
 
 SUFFIXES = ".usd", ".usda", ".usdc", ".usdz"
 MARKS = b"#usda", b"PXR-USDC"
-
-MOST_PRIMS = 1_000_000
-"""Which take half a minute to visit."""
 
 _TYPE = "ParticleField3DGaussianSplat"
 _IDENTITY = np.array([1, 0, 0, 0], np.float32)
@@ -50,8 +47,8 @@ def read(path: str | os.PathLike[str]) -> Splats:
     cache = UsdGeom.XformCache()
     parts: list[Splats] = []
     for count, prim in enumerate(stage.Traverse(Usd.TraverseInstanceProxies())):
-        if count >= MOST_PRIMS:
-            raise InputError(f"{path}: has over {MOST_PRIMS:,} prims; export its splats alone")
+        if count >= FREE:  # which take half a minute to visit
+            raise InputError(f"{path}: has over {FREE:,} prims; export its splats alone")
         if prim.GetTypeName() != _TYPE or UsdGeom.Imageable(prim).ComputeVisibility() == UsdGeom.Tokens.invisible:
             continue
         matrix = np.array(cache.GetLocalToWorldTransform(prim)).T  # USD multiplies rows

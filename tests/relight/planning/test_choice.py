@@ -9,7 +9,8 @@ import pytest
 from plan_scenes import corner, sphere
 
 from relight import Environment, LightingOptions, Relighter
-from relight.planning.choice import NEAR_LEAST, Candidate, Choice
+from relight.light.sun_split import ENOUGH
+from relight.planning.choice import Candidate, Choice
 from relight.transfer.settings import Settings
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene
@@ -30,7 +31,7 @@ def chosen_from(rows, target=1.0, budget_s=None):
         ([(3.0, 0.1), (1.0, 0.9), (2.0, 0.2)], 1),  # the quickest of those within the target
         ([(0.5, 1.1), (2.0, 1.0)], 1),  # too far off, however quick
         ([(2.0, 0.5), (1.0, 0.5), (1.0, 0.4), (1.0, 0.4)], 2),  # the more exact of two as quick; the first of equals
-        ([(1.0, 2.01 * NEAR_LEAST), (5.0, 2.0), (3.0, 1.99 * NEAR_LEAST)], 2),  # none within: quick, and near the least
+        ([(1.0, 2.01 * ENOUGH), (5.0, 2.0), (3.0, 1.99 * ENOUGH)], 2),  # none within: quick, and near the least
     ],
 )
 def test_a_tolerance_takes_the_quickest(rows, best):

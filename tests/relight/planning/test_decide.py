@@ -8,10 +8,10 @@ from relight import Environment, Relighter
 from relight.options import LightingOptions
 from relight.planning import decide
 from relight.planning.choice import SAFETY, SKIPPED
-from relight.planning.decide import VOLUME_PART, PlannedScene, leaves_for
+from relight.planning.decide import PlannedScene, leaves_for
 from relight.planning.plan import Plan
 from relight.planning.sample import Sample
-from relight.transfer.volume import DIRECTIONS, noise
+from relight.transfer.settings import VOLUME_DIRECTIONS
 
 
 @pytest.fixture(scope="module")
@@ -97,34 +97,16 @@ def test_what_is_taken_without_a_sample_is_within_the_tolerance(scene, monkeypat
 
 # -- leaves and grass
 
-LEAST, MOST = min(DIRECTIONS), max(DIRECTIONS)
-
-
-@pytest.mark.parametrize("count", DIRECTIONS)
-def test_leaves_have_as_few_directions_as_the_tolerance_allows(count):
-    wish = 0.02
-    leafy = VOLUME_PART * wish / noise(count)  # whose noise is just within its part
-    found = leaves_for(1.0, 0.999 * leafy, wish, None, 0.5, 40)
-    assert found == (count, 1.0, 0.5 * count, 40, pytest.approx(0.999 * VOLUME_PART * wish))
-    finer = leaves_for(1.0, 1.001 * leafy, wish, None, 0.5, 40)
-    assert finer.directions == min((other for other in DIRECTIONS if other > count), default=MOST)
-    assert finer.lost == pytest.approx(noise(finer.directions) * 1.001 * leafy)
-
-
-def test_where_no_number_of_directions_is_enough_the_most_are_taken():
-    found = leaves_for(1.0, 1.0, 1e-6, None, 0.5, 40)
-    assert (found.directions, found.lost, found.seconds) == (MOST, noise(MOST), 0.5 * MOST)
-
 
 def test_leaves_that_cost_little_as_surfaces_stay_surfaces():
     wish = 0.02
     assert leaves_for(SKIPPED * wish, 1.0, wish, None, 0.5, 40) == (0, SKIPPED * wish, 0.0, 40, SKIPPED * wish)
-    assert leaves_for(1.001 * SKIPPED * wish, 0.0, wish, None, 0.5, 40).directions == LEAST
+    assert leaves_for(1.001 * SKIPPED * wish, 0.0, wish, None, 0.5, 40).directions == VOLUME_DIRECTIONS
 
 
 @pytest.mark.parametrize("error", [0.0, 1.0])
 def test_effects_that_are_asked_for_decide_on_leaves(error):
-    assert leaves_for(error, 0.0, 0.02, frozenset({"shadows", "volume"}), 0.5, 40).directions == LEAST
+    assert leaves_for(error, 0.0, 0.02, frozenset({"shadows", "volume"}), 0.5, 40).directions == VOLUME_DIRECTIONS
     assert leaves_for(error, 0.0, 0.02, frozenset({"shadows"}), 0.5, 40) == (0, error, 0.0, 40, error)
 
 
@@ -146,7 +128,7 @@ def test_a_plan_lists_leaves_and_the_light_they_were_chosen_for(scene):
         return decide.planned(PlannedScene(occluder_of(scene), sizes, foliage=foliage), light, options)
 
     thick = plan(Thick(sizes[0], 1.0), tolerance=0.05)
-    assert thick.settings.volume in DIRECTIONS and thick.settings.rays
+    assert thick.settings.volume == VOLUME_DIRECTIONS and thick.settings.rays
     table = {effect: (error, decision) for effect, error, decision in thick.contributions}
     assert table["volume"][0] > SKIPPED * 0.05
     assert table["volume"][1].startswith(f"{thick.settings.volume} directions for {sizes[0]:,} vertices")

@@ -7,16 +7,14 @@ from functools import cache
 import numpy as np
 import plan_scenes
 import pytest
-from plan_scenes import closed_room, corner, difference, face, kitchen_sky, occluder_of, plan, truth
+from plan_scenes import closed_room, corner, difference, face, kitchen_sky, plan, truth
 
 from relight import Environment, Relighter
 from relight.planning import costs
 from relight.planning.effect_errors import EffectErrors
 from relight.planning.plan import Plan
-from relight.transfer.bounces import Interreflection, with_bounces
 from relight.transfer.settings import BOUNCES, SHADOWS, SUN, Settings
 from splat2mesh.base.errors import InputError
-from splat2mesh.scene.color import luminance
 
 SKIES = {name: Environment.load(name) for name in ("overcast", "noon")} | {"kitchen": kitchen_sky()}
 
@@ -119,26 +117,13 @@ def test_an_overcast_sky_has_no_sun_and_a_kitchen_has_many():
 
 
 @pytest.mark.parametrize("name", ["grey_corner", "colored_corner"])
-def test_a_corner_calls_for_bounces_and_its_colors_bleed(name):
+def test_a_corner_calls_for_bounces(name):
     one = lit(name, "overcast", 0.02)
     assert BOUNCES in one.settings.effects and one.shading.bounces and one.error() <= 0.02
     # Far fewer rays than where nothing but more of them would help: 2048 were planned once, and 32768 traced.
     assert one.shading.settings.rays <= 256
     without, bounced = one.error(one.settings._replace(bounce_rays=0)), one.rows[BOUNCES]
     assert bounced[0] == pytest.approx(without, rel=0.15) and bounced[1] == f"{one.settings.bounce_rays} rays"
-    bleeding, decision = one.rows["color bleeding"]
-    assert decision == ("in RGB" if name == "colored_corner" else "grey would do")
-    assert bleeding == pytest.approx(grey_bounces(one), rel=0.15, abs=1e-6)
-
-
-def grey_bounces(one):
-    """Error of bouncing light among surfaces that have the luminance of their albedo, and the albedo itself last."""
-    direct = truths(one.scene, one.sky, 0.0, None)
-    matrix = Interreflection(occluder_of(one.scene), 256)
-    dull = np.repeat(luminance(one.albedo)[:, None], 3, axis=1).astype(np.float32)
-    bounced = with_bounces(direct, dull, matrix, 1e-6, 100)[0]
-    whole = with_bounces(direct, one.albedo, matrix, 1e-6, 100)[0]
-    return difference(one.albedo * (direct + matrix.bounce(bounced)), whole)
 
 
 def test_black_surfaces_bounce_nothing():
@@ -258,7 +243,7 @@ def test_everything_skipped_is_in_the_table_with_what_it_would_give(name, sky):
     found = plan(scene, SKIES[sky], 0.05, albedo)
     rows = {effect: (without, decision) for effect, without, decision in found.contributions}
     assert set(rows) >= {SHADOWS, SUN, BOUNCES, "bands"}
-    assert ("rays" in rows) == bool(found.settings.rays) and ("color bleeding" in rows) == (albedo is not None)
+    assert ("rays" in rows) == bool(found.settings.rays)
     for effect, (without, decision) in rows.items():
         if without is None:
             assert effect == BOUNCES and albedo is None and "white" in decision

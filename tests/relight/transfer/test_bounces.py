@@ -389,5 +389,5 @@ def test_what_does_not_fit_is_refused(lit, work, message):
 
 def test_progress_counts_every_vertex(lit):
     done = []
-    Interreflection(lit[0], 2**11, advance=done.append)
+    Interreflection(lit[0], 2**12, advance=done.append)
     assert sum(done) == len(lit[2]) and len(done) > 1

@@ -127,7 +127,7 @@ def test_what_cannot_be_used_gets_one_line(tmp_path, monkeypatch):
             read_splats(store(tmp_path, "a.glb", data))
         assert "\n" not in str(caught.value)
     assert not looks_like_splat(store(tmp_path, "b.glb", glb_bytes(document, b"")))
-    monkeypatch.setattr("splat2mesh.base.inputs.FREE_SPLATS", 1000)
+    monkeypatch.setattr("splat2mesh.base.inputs.FREE", 1000)
     many = splat_glb(arrays, [{"mesh": 0, "children": [*range(1, 2000)]}, *[{"mesh": 0}] * 1999])
     with pytest.raises(InputError, match="announces"):
         read_splats(store(tmp_path, "c.glb", many))
