@@ -48,9 +48,6 @@ CELL, MOST_TURNING, FLAT = 8.0, 0.25, 1e-3
 what they lie on is round; and variance across a plane, over that along it, which counts as none. Planes of rooms and
 streets have up to 0.2, columns 0.9."""
 
-LEAST_WIDTH = 1.0
-"""Least standard deviation of places on a plane along any axis, in bands: a strip of single patches shows no plane."""
-
 LEAST_FITTED = 50
 """Patches that a fit needs."""
 
@@ -63,8 +60,8 @@ DOUBT = 1e-3
 
 class Plane(NamedTuple):
     """A plane that patches lie on: normal (3,) unit, offset: normal . x of its points x, standard deviation of their
-    heights over it and of their normals about it, radians along each of two axes. held, gain, turning, width: of the
-    sample, as LEAST_AREA, LEAST_GAIN, MOST_TURNING and LEAST_WIDTH have them."""
+    heights over it and of their normals about it, radians along each of two axes. held, gain, turning: of the sample,
+    as LEAST_AREA, LEAST_GAIN and MOST_TURNING have them. thickness: of the surface, mean."""
 
     normal: Vector
     offset: float
@@ -73,15 +70,13 @@ class Plane(NamedTuple):
     held: float
     gain: float
     turning: float
-    width: float
     thickness: float
 
     @property
     def is_sure(self) -> bool:
-        """Whether enough lies on it, surely enough, and is neither round nor a strip."""
-        enough = self.held >= LEAST_AREA and self.gain >= LEAST_GAIN
+        """Whether enough lies on it, surely enough, and is neither round nor rougher than the surface is thick."""
         flat = self.turning <= MOST_TURNING and self.noise <= self.thickness
-        return enough and flat and self.width >= LEAST_WIDTH
+        return flat and self.held >= LEAST_AREA and self.gain >= LEAST_GAIN
 
     def rank(self) -> tuple[bool, float]:
         """What the best of several planes has most of."""
@@ -99,7 +94,8 @@ class Evened(NamedTuple):
 
 
 class _Surface(NamedTuple):
-    """Points and unit normals (M, 3) and thickness (M,) of patches, and the most distance between a plane and what lies on it."""
+    """Points, unit normals (M, 3) and thickness (M,) of patches, and the most distance between a plane and what lies on
+    it."""
 
     points: Points
     normals: Directions
@@ -131,7 +127,8 @@ def evened(points: Points, normals: Directions, faces: Faces, thickness: Floats,
     """Give vertices the normals of planes they lie on, larger planes first, blended where these end.
 
     points, normals: (V, 3), unit. faces: (F, 3). thickness: (V,) of the surface there, same unit: its noise. What
-    stands out by more than SIGMAS times that, itself or along its edges, keeps its normal to the bit.
+    stands out by more than SIGMAS times that, itself or along its edges, or leans away by more than CONE, keeps its
+    normal to the bit: fog that faces elsewhere is lit as it faces.
     """
     places, ways = np.asarray(points, np.float64), np.asarray(normals, np.float64)
     edges = edge_uses(faces, len(points))
@@ -174,13 +171,13 @@ class _Vertices(NamedTuple):
 
     def on(self, plane: Plane, patches: Patches) -> Indices:
         """Which of them lie on a plane: in the cell of a patch that does, as high as this, and tilted by no more than
-        noise tilts edges."""
+        CONE, and than noise tilts edges."""
         rows = np.flatnonzero(_on_plane(patches, plane))
         if not len(rows):
             return rows
         held, first = np.unique(patches.cells[rows], return_index=True)
         at = np.minimum(np.searchsorted(held, self.cells), len(held) - 1)
-        found = np.flatnonzero((held[at] == self.cells) & (self.normals @ plane.normal > 0))
+        found = np.flatnonzero((held[at] == self.cells) & (self.normals @ plane.normal > np.cos(CONE)))
         above = (self.points[found] - patches.points[rows[first[at[found]]]]) @ plane.normal
         cosine = self.normals[found] @ plane.normal
         tilted = self.lengths[found] * np.sqrt(np.maximum(1 - cosine**2, 0)) / cosine
@@ -260,9 +257,8 @@ def _fitted(these: _Surface, normal: Vector, offset: float) -> Plane | None:
         spread = max(float(np.sqrt(weight @ angles[rows] ** 2 / count / 2)), LEAST_SPREAD)
     gain = float(np.log(share * likelier + 1 - share).sum() / count)
     turning = _turning(rest, ways, weight, CELL * these.band)
-    narrow = np.linalg.eigvalsh((rest * weight[:, None]).T @ rest / count)[1]
-    width, thickness = float(np.sqrt(narrow)) / these.band, float(weight @ these.thickness[rows] / count)
-    return Plane(normal, offset, noise, spread, float(count), gain, turning, width, thickness)
+    thickness = float(weight @ these.thickness[rows] / count)
+    return Plane(normal, offset, noise, spread, float(count), gain, turning, thickness)
 
 
 def _turning(points: Points, ways: Directions, weight: Floats, side: float) -> float:
