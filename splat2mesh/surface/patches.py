@@ -52,8 +52,7 @@ class Patches(NamedTuple):
         heights = ((points - middle[patch.ravel()]) * way[patch.ravel()]).sum(axis=1)
         scatter = np.sqrt(means(heights[:, None] ** 2)[:, 0])
         kept = (length > LEAST_AGREEMENT) & (sums > 0)
-        columns = (each[kept] for each in (middle, way, thick, scatter, sums, keys // 6))
-        return cls(*columns, origin, side)
+        return cls(middle, way, thick, scatter, sums, keys // 6, origin, side).take(kept)
 
     @classmethod
     def seen(cls, shots: Sequence[Sighting], distance: float, side: float) -> "Patches":
@@ -65,7 +64,9 @@ class Patches(NamedTuple):
 
     def take(self, rows: Mask) -> "Patches":
         """Some of them, (S,) bool."""
-        return Patches(*(each[rows] for each in self[:6]), self.origin, self.side)
+        points, normals, thickness = self.points[rows], self.normals[rows], self.thickness[rows]
+        others = self.scatter[rows], self.areas[rows], self.cells[rows]
+        return Patches(points, normals, thickness, *others, self.origin, self.side)
 
     def cells_of(self, points: Points) -> Indices:
         """The cells of points (N, 3): (N,)."""

@@ -139,8 +139,8 @@ def reconstruct_place(
         if vertices is None:
             placed, faces = refine_by_color(placed, faces, album, MOST_VERTICES)
         normals = vertex_normals(placed, faces)
-        colors, thickness, _ = album.look_up(placed, normals)
-        colors, unseen = filled_in(colors, placed)
+        shown, thickness, _ = album.look_up(placed, normals)
+        colors, unseen = filled_in(shown, placed)
     with stages.stage("planes"):
         on = evened(placed, normals, faces, thickness, patches)
     counts: dict[str, float] = {"components_dropped": dropped, "holes_filled": filled, "vertices_unseen": unseen}
