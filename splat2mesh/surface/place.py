@@ -23,7 +23,8 @@ from .clean import fill_holes, without_floaters
 from .decimate import decimate
 from .extract import PROBE_PIXELS, Look, dilated, training_pixel
 from .fair import fair
-from .planes import evened
+from .patches import Patches
+from .planes import PATCH, evened
 from .refine import refine_by_color
 from .sight import FusionSight, Sighting
 from .simplify import simplify
@@ -106,6 +107,7 @@ def reconstruct_place(
         return [FusionSight.of(shot, distance, FINEST_CELL * pixel, fog) for shot in shots], Album.of(shots)
 
     sights, album = developed(shots)
+    patches = Patches.seen(shots, distance, PATCH * max(fog * distance, LEAST_BAND * pixel))
     del shots
     points, faces, cells = _fused(sights, middle, stages)
     if overhead is not None and overhead.leak(points, faces) > MOST_LEAK:
@@ -137,9 +139,10 @@ def reconstruct_place(
         if vertices is None:
             placed, faces = refine_by_color(placed, faces, album, MOST_VERTICES)
         normals = vertex_normals(placed, faces)
-        colors, unseen = filled_in(album.look_up(placed, normals)[0], placed)
+        shown, thickness, _ = album.look_up(placed, normals)
+        colors, unseen = filled_in(shown, placed)
     with stages.stage("planes"):
-        on = evened(placed, normals, faces, (middle, distance), max(fog * distance, LEAST_BAND * pixel))
+        on = evened(placed, normals, faces, thickness, patches)
     counts: dict[str, float] = {"components_dropped": dropped, "holes_filled": filled, "vertices_unseen": unseen}
     counts |= {"fog": round(fog, 4), "vertices_found": found, "planes": len(on.planes), "on_planes": round(on.area, 3)}
     return Mesh(placed, on.normals, faces, colors), Look(splats, pixel, list(views), near), counts

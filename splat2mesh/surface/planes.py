@@ -2,27 +2,32 @@
 
 Where training sees little texture it leaves a fog of Gaussians before a wall. A mesh of it has bumps that the wall has
 not. The fog carries the wall's colour, so it is what is lit, but light should fall on it as on the wall. Planes are
-drawn through one vertex and its normal each (after Fischler and Bolles, "Random Sample Consensus", 1981) and fitted as
-one part of a mixture: vertices lie on the plane, with a spread of their heights and one of their normals, or anywhere.
+found among patches twice as wide as the fog is thick, over which its bumps cancel: each is drawn through one patch
+(after Fischler and Bolles, "Random Sample Consensus", 1981) and fitted as one part of a mixture: patches lie on the
+plane, with a spread of their heights and one of their normals, or anywhere. A vertex lies on the plane that its patch
+lies on, where it stands out by no more than the surface is thick there.
 """
 
 from typing import NamedTuple
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
-from ..base.arrays import Directions, Faces, Floats, Mask, Points, Vector
+from ..base.arrays import Directions, Faces, Floats, Indices, Mask, Points, Vector
 from .fair import edge_uses
+from .patches import Patches
 
 SAMPLE, SKETCH = 40_000, 4_000
-"""Vertices, drawn by their area, that planes are fitted to, and those of them that tell good draws from bad ones."""
+"""Patches, drawn by their area, that planes are fitted to, and those of them that tell good draws from bad ones."""
 
 DRAWS, REFINED = 96, 4
 """Planes drawn for each that is looked for, and those of them, the best, that are fitted."""
 
 STEPS = 12
 """Steps of a fit."""
+
+PATCH = 2.0
+"""Side of a patch in bands, the most distances between a plane and what lies on it: the thickness of fog."""
 
 SIGMAS = 3.0
 """Standard deviations within which a thing is where it is expected: 997 times in 1,000."""
@@ -34,9 +39,9 @@ WIDE, LEAST_SPREAD = 0.2, 0.07
 """Spread of normals along each of two axes, radians, from which a fit starts, and the least: some of a facade may be
 seen far better than the rest."""
 
-LEAST_AREA, LEAST_GAIN = SAMPLE / 200, 1.2
-"""Vertices of the sample that lie on a plane at least, and how much likelier they are with it, the mean of logarithms.
-Draws through chairs, curtains and hedges reach 1.17."""
+LEAST_AREA, LEAST_GAIN = SAMPLE / 200, 1.0
+"""Patches of the sample that lie on a plane at least, and how much likelier they are with it, the mean of logarithms.
+The foggiest wall of a real office has 1.06."""
 
 CELL, MOST_TURNING, FLAT = 8.0, 0.25, 1e-3
 """Side, in bands, of the cells within which normals may turn with their places; share of their variance above which
@@ -44,36 +49,34 @@ what they lie on is round; and variance across a plane, over that along it, whic
 streets have up to 0.2, columns 0.9."""
 
 LEAST_FITTED = 50
-"""Vertices that a fit needs."""
+"""Patches that a fit needs."""
 
 MOST_FAILED = 5
 """Fits one after the other that give no plane, after which there are no more."""
 
-RINGS = 8
-"""Rings over which normals are averaged where planes are drawn."""
-
 DOUBT = 1e-3
-"""Least chance of a vertex to lie on a plane, or not, whatever its neighbours do."""
+"""Least share of the patches around a plane that are not on it."""
 
 
 class Plane(NamedTuple):
-    """A plane that vertices lie on: normal (3,) unit, offset: normal . x of its points x, standard deviation of their
-    heights over it and of their normals about it, radians along each of two axes. share: of the vertices around that
-    lie on it. held, gain, turning: of the sample, as LEAST_AREA, LEAST_GAIN and MOST_TURNING have them."""
+    """A plane that patches lie on: normal (3,) unit, offset: normal . x of its points x, standard deviation of their
+    heights over it and of their normals about it, radians along each of two axes. held, gain, turning: of the sample,
+    as LEAST_AREA, LEAST_GAIN and MOST_TURNING have them. thickness: of the surface, mean."""
 
     normal: Vector
     offset: float
     noise: float
     spread: float
-    share: float
     held: float
     gain: float
     turning: float
+    thickness: float
 
     @property
     def is_sure(self) -> bool:
-        """Whether enough lies on it, surely enough, and is not round."""
-        return self.held >= LEAST_AREA and self.gain >= LEAST_GAIN and self.turning <= MOST_TURNING
+        """Whether enough lies on it, surely enough, and is neither round nor rougher than the surface is thick."""
+        flat = self.turning <= MOST_TURNING and self.noise <= self.thickness
+        return flat and self.held >= LEAST_AREA and self.gain >= LEAST_GAIN
 
     def rank(self) -> tuple[bool, float]:
         """What the best of several planes has most of."""
@@ -81,8 +84,8 @@ class Plane(NamedTuple):
 
 
 class Evened(NamedTuple):
-    """Normals (V, 3) float32 for light. shares: (V,) in [0, 1], how surely each vertex lies on a plane. area: share of
-    the mesh's area that does, far area counting less. planes: the surest first."""
+    """Normals (V, 3) float32 for light. shares: (V,) in [0, 1], how much of each is that of a plane. area: share of the
+    mesh's area that lies on planes. planes: the largest first, about."""
 
     normals: NDArray[np.float32]
     shares: Floats
@@ -90,21 +93,28 @@ class Evened(NamedTuple):
     planes: list[Plane]
 
 
-class _Vertices(NamedTuple):
-    """Points and unit normals (M, 3) of vertices, and the most distance between a plane and what lies on it."""
+class _Surface(NamedTuple):
+    """Points, unit normals (M, 3) and thickness (M,) of patches, and the most distance between a plane and what lies on
+    it."""
 
     points: Points
     normals: Directions
+    thickness: Floats
     band: float
 
-    def take(self, rows: NDArray) -> "_Vertices":
+    def take(self, rows: NDArray) -> "_Surface":
         """Some of them, by number or as (M,) bool."""
-        return _Vertices(self.points[rows], self.normals[rows], self.band)
+        return _Surface(self.points[rows], self.normals[rows], self.thickness[rows], self.band)
 
     def around(self, normal: Vector, offset: float) -> tuple[Floats, Floats, Mask]:
         """Heights over a plane (M,), angles of the normals to its own (M,), and which of both are weighed."""
         heights, angles = self.points @ normal - offset, np.arccos(np.clip(self.normals @ normal, -1, 1))
         return heights, angles, (np.abs(heights) < self.band) & (angles < CONE)
+
+    def on(self, plane: Plane) -> Mask:
+        """Which of them are where things on a plane are expected: (M,)."""
+        heights, angles, _ = self.around(plane.normal, plane.offset)
+        return (np.abs(heights) < SIGMAS * plane.noise) & (angles < SIGMAS * plane.spread)
 
     def likelier(self, heights: Floats, angles: Floats, noise: float, spread: float) -> Floats:
         """Density on a plane of such a noise and spread over that of an even distribution: (M,)."""
@@ -113,89 +123,117 @@ class _Vertices(NamedTuple):
         return bells * evenly / ((2 * np.pi) ** 1.5 * noise * spread**2)
 
 
-def evened(points: Points, normals: Directions, faces: Faces, near: tuple[Vector, float], band: float) -> Evened:
+def evened(points: Points, normals: Directions, faces: Faces, thickness: Floats, patches: Patches) -> Evened:
     """Give vertices the normals of planes they lie on, larger planes first, blended where these end.
 
-    points, normals: (V, 3), unit. faces: (F, 3). near: middle (3,) of the place, and the distance from there at which
-    area counts a quarter. band: most distance between a plane and what lies on it, such as the thickness of fog. What
-    stands out by more than SIGMAS times the noise, in height or direction, keeps its normal to the bit.
+    points, normals: (V, 3), unit. faces: (F, 3). thickness: (V,) of the surface there, same unit: its noise. What
+    stands out by more than SIGMAS times that, itself or along its edges, or leans away by more than CONE, keeps its
+    normal to the bit: fog that faces elsewhere is lit as it faces.
     """
-    mesh = _Vertices(np.asarray(points, np.float64), np.asarray(normals, np.float64), band)
-    corners = mesh.points[faces]
-    crosses = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    areas = np.bincount(faces.ravel(), np.repeat(np.linalg.norm(crosses, axis=1), 3), len(points)).astype(np.float64)
-    areas /= (1 + (np.linalg.norm(mesh.points - near[0], axis=1) / near[1]) ** 2) ** 2
+    places, ways = np.asarray(points, np.float64), np.asarray(normals, np.float64)
     edges = edge_uses(faces, len(points))
+    rings = np.maximum(np.diff(edges.indptr), 1)
+    ends = np.repeat(np.arange(len(points)), np.diff(edges.indptr)), edges.indices
+    lengths = np.bincount(ends[0], np.linalg.norm(places[ends[0]] - places[ends[1]], axis=1), len(points)) / rings
     edges.data[:] = 1
-    planes = _planes(mesh, areas, edges) if areas.any() and band > 0 else []
-    summed, shares = np.zeros_like(mesh.normals), np.zeros(len(points))
-    for plane in planes:
-        rows = np.flatnonzero(mesh.around(plane.normal, plane.offset)[2])
-        share = (1 - shares[rows]) * _shares(mesh.take(rows), edges[rows][:, rows], plane)
-        summed[rows] += share[:, None] * plane.normal
-        shares[rows] += share
-    blended = summed + (1 - shares)[:, None] * mesh.normals
+    calm = patches.take(patches.scatter <= SIGMAS * patches.thickness)  # nothing stands out within them
+    vertices = _Vertices(places, ways, SIGMAS * thickness, lengths, patches.cells_of(places))
+    summed, shares, planes = np.zeros_like(ways), np.zeros(len(points)), []
+    for plane in planes_of(patches):
+        rows = vertices.on(plane, calm)
+        turning = _turning(places[rows], ways[rows], np.ones(len(rows)), CELL * patches.side / PATCH)
+        if not len(rows) or turning > MOST_TURNING:
+            continue
+        planes.append(plane)
+        on = np.zeros(len(points))
+        on[rows] = 1
+        share = (1 - shares) * on * (edges @ on) / rings
+        summed += share[:, None] * plane.normal
+        shares += share
+    blended = summed + (1 - shares)[:, None] * ways
     blended /= np.maximum(np.linalg.norm(blended, axis=1, keepdims=True), 1e-12)
-    given = np.where(shares[:, None] > 0, blended, normals).astype(np.float32)
-    return Evened(given, shares, float(shares @ areas / max(areas.sum(), 1e-300)), planes)
+    corners = places[faces]
+    crosses = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    areas = np.bincount(faces.ravel(), np.repeat(np.linalg.norm(crosses, axis=1), 3), len(points))
+    area = float(shares @ areas / max(areas.sum(), 1e-300))
+    return Evened(np.where(shares[:, None] > 0, blended, normals).astype(np.float32), shares, area, planes)
 
 
-def _shares(these: _Vertices, edges: "scipy.sparse.csr_matrix", plane: Plane) -> Floats:
-    """How surely each of R vertices lies on a plane, (R,): by its height and normal, and where its neighbours do.
-    edges: (R, R), 1 between these."""
-    heights, angles, _ = these.around(plane.normal, plane.offset)
-    likelier = these.likelier(heights, angles, plane.noise, plane.spread)
-    likelier[np.maximum(np.abs(heights) / plane.noise, angles / plane.spread) > SIGMAS] = 0
-    rings, share = np.maximum(np.diff(edges.indptr), 1), np.full(len(heights), plane.share)
-    for _ in range(STEPS):
-        expected = np.clip(share, DOUBT, 1 - DOUBT)
-        on = expected * likelier / (expected * likelier + 1 - expected)
-        share = edges @ on / rings
-    return on
+class _Vertices(NamedTuple):
+    """Points and unit normals (V, 3), how far each may stand out, mean lengths of its edges, and its cell of some
+    Patches, (V,) each."""
+
+    points: Points
+    normals: Directions
+    reach: Floats
+    lengths: Floats
+    cells: Indices
+
+    def on(self, plane: Plane, patches: Patches) -> Indices:
+        """Which of them lie on a plane: in the cell of a patch that does, as high as this, and tilted by no more than
+        CONE, and than noise tilts edges."""
+        rows = np.flatnonzero(_on_plane(patches, plane))
+        if not len(rows):
+            return rows
+        held, first = np.unique(patches.cells[rows], return_index=True)
+        at = np.minimum(np.searchsorted(held, self.cells), len(held) - 1)
+        found = np.flatnonzero((held[at] == self.cells) & (self.normals @ plane.normal > np.cos(CONE)))
+        above = (self.points[found] - patches.points[rows[first[at[found]]]]) @ plane.normal
+        cosine = self.normals[found] @ plane.normal
+        tilted = self.lengths[found] * np.sqrt(np.maximum(1 - cosine**2, 0)) / cosine
+        return found[np.maximum(np.abs(above), tilted) <= self.reach[found]]
 
 
-def _planes(mesh: _Vertices, areas: Floats, edges: "scipy.sparse.csr_matrix") -> list[Plane]:
-    """The planes of a mesh; each vertex counts for one of them, by its area (V,)."""
-    rng = np.random.default_rng(0)
-    even = mesh.normals
-    for _ in range(RINGS):
-        even = edges @ (even * areas[:, None]) + even * areas[:, None]
-        even /= np.maximum(np.linalg.norm(even, axis=1, keepdims=True), 1e-12)
+def _on_plane(patches: Patches, plane: Plane) -> Mask:
+    """Which patches lie on a plane, (S,): those as high and as tilted as it has them, or as their own noise allows."""
+    heights, tilts = patches.points @ plane.normal - plane.offset, patches.normals @ plane.normal
+    reach = SIGMAS * np.maximum(plane.noise, patches.thickness)
+    return (np.abs(heights) < reach) & (tilts > np.cos(SIGMAS * plane.spread))
+
+
+def _drawn(areas: Floats, rng: np.random.Generator) -> Indices:
+    """SAMPLE rows of what has areas (M,), by these."""
     chances = areas.cumsum()
-    rows = np.minimum(np.searchsorted(chances, rng.random(SAMPLE) * chances[-1]), len(chances) - 1)
-    drawn, even = mesh.take(rows), even[rows]
+    return np.minimum(np.searchsorted(chances, rng.random(SAMPLE) * chances[-1]), len(chances) - 1)
+
+
+def planes_of(patches: Patches) -> list[Plane]:
+    """The planes that patches lie on, the surest first; each patch counts for one of them, by its area."""
+    if not len(patches.areas):
+        return []
+    rng = np.random.default_rng(0)
+    surface = _Surface(patches.points, patches.normals, patches.thickness, patches.side / PATCH)
+    drawn = surface.take(_drawn(patches.areas, rng))
     left, seeds, failed = np.ones(SAMPLE, bool), np.ones(SAMPLE, bool), 0
     planes: list[Plane] = []
     while failed < MOST_FAILED and (left & seeds).sum() > LEAST_AREA:
         these, chosen = drawn.take(left), rng.choice(np.flatnonzero(left & seeds), DRAWS)
         sketch = these.take(rng.choice(len(these.points), min(SKETCH, len(these.points)), replace=False))
-        counts = np.array([_close(sketch, drawn.points[seed], even[seed]) for seed in chosen]).reshape(REFINED, -1)
-        best = chosen.reshape(REFINED, -1)[np.arange(REFINED), counts.argmax(axis=1)]
-        fits = [_fitted(these, even[seed], float(even[seed] @ drawn.points[seed])) for seed in best]
+        counts = np.array([_close(sketch, drawn.points[seed], drawn.normals[seed]) for seed in chosen])
+        best = chosen.reshape(REFINED, -1)[np.arange(REFINED), counts.reshape(REFINED, -1).argmax(axis=1)]
+        fits = [_fitted(these, drawn.normals[seed], float(drawn.normals[seed] @ drawn.points[seed])) for seed in best]
         found = max((fit for fit in fits if fit is not None), key=Plane.rank, default=None)
         if found is None:
             break
-        heights, angles, around = drawn.around(found.normal, found.offset)
-        on = (np.abs(heights) < SIGMAS * found.noise) & (angles < SIGMAS * found.spread)
         if found.is_sure:
             planes.append(found)
-            left &= ~on
-            seeds &= ~around
+            left &= ~drawn.on(found)
+            seeds &= ~drawn.around(found.normal, found.offset)[2]
             failed = 0
         else:
-            seeds &= ~on
+            seeds &= ~drawn.on(found)
             failed += 1
     return planes
 
 
-def _close(these: _Vertices, point: Vector, normal: Vector) -> int:
-    """The number of vertices within half the band and half the cone of a plane."""
+def _close(these: _Surface, point: Vector, normal: Vector) -> int:
+    """The number of patches within half the band and half the cone of a plane."""
     close = np.abs((these.points - point) @ normal) < these.band / 2
     return int((close & (these.normals @ normal > np.cos(CONE / 2))).sum())
 
 
-def _fitted(these: _Vertices, normal: Vector, offset: float) -> Plane | None:
-    """The plane near one given that fits best, None where hardly any vertex lies on it: by expectation and maximisation
+def _fitted(these: _Surface, normal: Vector, offset: float) -> Plane | None:
+    """The plane near one given that fits best, None where hardly any patch lies on it: by expectation and maximisation
     of the likelihood of heights and normals together."""
     noise, spread, share = these.band / SIGMAS, WIDE, 0.5
     near = np.abs(these.points @ normal - offset) < 2 * these.band  # where it may move to
@@ -219,7 +257,8 @@ def _fitted(these: _Vertices, normal: Vector, offset: float) -> Plane | None:
         spread = max(float(np.sqrt(weight @ angles[rows] ** 2 / count / 2)), LEAST_SPREAD)
     gain = float(np.log(share * likelier + 1 - share).sum() / count)
     turning = _turning(rest, ways, weight, CELL * these.band)
-    return Plane(normal, offset, noise, spread, share, float(count), gain, turning)
+    thickness = float(weight @ these.thickness[rows] / count)
+    return Plane(normal, offset, noise, spread, float(count), gain, turning, thickness)
 
 
 def _turning(points: Points, ways: Directions, weight: Floats, side: float) -> float:
