@@ -41,7 +41,7 @@ def lit(geometry):
 def test_a_scene_at_rest_is_to_the_bit_a_moving_one_of_one_body(scene, precomputed, tolerance):
     settings = SUNLIT._replace(sun_tolerance=tolerance)
     static = lit(StaticGeometry(precomputed, Stages()))
-    dynamic = lit(DynamicGeometry(scene, [], settings, 0, np.inf))
+    dynamic = lit(DynamicGeometry(scene, [], settings, 0))
     for environment in (Environment.load("noon"), Environment.load("sunset").rotated(30.0), Environment.load("noon")):
         (expected, suns, done), (found, same_suns, as_done) = (
             each.shade(environment, settings) for each in (static, dynamic)
