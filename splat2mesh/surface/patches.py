@@ -40,7 +40,7 @@ class Patches(NamedTuple):
         facing = np.abs(normals).argmax(axis=1)
         facing = 2 * facing + (normals[np.arange(len(facing)), facing] > 0)
         keys, patch = np.unique(6 * _cells(points, origin, side) + facing, return_inverse=True)
-        sums = np.bincount(patch.ravel(), areas, len(keys))
+        sums = np.asarray(np.bincount(patch.ravel(), areas, len(keys)), np.float64)
 
         def means(values: Floats) -> NDArray[np.float64]:
             columns = [np.bincount(patch.ravel(), column * areas, len(keys)) for column in values.T]

@@ -40,8 +40,7 @@ WIDE, LEAST_SPREAD = 0.2, 0.07
 seen far better than the rest."""
 
 LEAST_AREA, LEAST_GAIN = SAMPLE / 200, 1.0
-"""Patches of the sample that lie on a plane at least, and how much likelier they are with it, the mean of logarithms.
-The foggiest wall of a real office has 1.06."""
+"""Patches of the sample that lie on a plane at least, and how much likelier they are with it, in nats, on average."""
 
 CELL, MOST_TURNING, FLAT = 8.0, 0.25, 1e-3
 """Side, in bands, of the cells within which normals may turn with their places; share of their variance above which
