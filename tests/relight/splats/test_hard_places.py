@@ -82,7 +82,7 @@ def test_a_forest_comes_back_in_its_own_light_and_does_not_sparkle_in_another():
     before, after, truth = (colors[lit] for colors in relit("forest"))
     assert np.isfinite(after).all() and after.std() > 0.02
     means = made.splats.means[lit]
-    assert sparkle(before, after, means) < 0.3 * sparkle(before, truth, means)
+    assert sparkle(before, after, means) < sparkle(before, truth, means) / 3.0
     assert off(after, truth) < 1.15 * off(before, truth)  # flecks of sun are finer than the grid
 
 
