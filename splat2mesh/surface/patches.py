@@ -19,7 +19,7 @@ LEAST_AGREEMENT = 0.5
 """Length of the mean of unit normals below which a patch has none: they would be 60 degrees from it."""
 
 
-class Patches(NamedTuple):
+class SeenPatches(NamedTuple):
     """Mean points (S, 3) and unit mean normals (S, 3) float64 of what lies in each of some cubes and faces one of the
     six ways that its sides do. thickness, scatter, areas: (S,), mean of it, standard deviation of heights over the mean
     plane, and sum. cells: (S,), the cubes, of a side about an origin."""
@@ -34,7 +34,7 @@ class Patches(NamedTuple):
     side: float
 
     @classmethod
-    def of(cls, points: Points, normals: Directions, thickness: Floats, areas: Floats, side: float) -> "Patches":
+    def of(cls, points: Points, normals: Directions, thickness: Floats, areas: Floats, side: float) -> "SeenPatches":
         """Of points (M, 3) with unit normals (M, 3) float64 on a surface of a thickness (M,), by their areas (M,)."""
         origin = np.median(points, axis=0) - side / 2 if len(points) else np.zeros(3)
         facing = np.abs(normals).argmax(axis=1)
@@ -55,18 +55,18 @@ class Patches(NamedTuple):
         return cls(middle, way, thick, scatter, sums, keys // 6, origin, side).take(kept)
 
     @classmethod
-    def seen(cls, shots: Sequence[Sighting], distance: float, side: float) -> "Patches":
+    def seen(cls, shots: Sequence[Sighting], distance: float, side: float) -> "SeenPatches":
         """Of what Sightings show. distance: typical of the place: what is much farther away counts less, and what looks
         thick, as in the fusion."""
         parts = [_samples(shot, distance) for shot in shots]
         points, normals, thickness, areas = (np.concatenate(each) for each in zip(*parts, strict=True))
         return cls.of(points, normals, thickness, areas, side)
 
-    def take(self, rows: Mask) -> "Patches":
+    def take(self, rows: Mask) -> "SeenPatches":
         """Some of them, (S,) bool."""
         points, normals, thickness = self.points[rows], self.normals[rows], self.thickness[rows]
         others = self.scatter[rows], self.areas[rows], self.cells[rows]
-        return Patches(points, normals, thickness, *others, self.origin, self.side)
+        return SeenPatches(points, normals, thickness, *others, self.origin, self.side)
 
     def cells_of(self, points: Points) -> Indices:
         """The cells of points (N, 3): (N,)."""

@@ -23,7 +23,7 @@ from .clean import fill_holes, without_floaters
 from .decimate import decimate
 from .extract import PROBE_PIXELS, Look, dilated, training_pixel
 from .fair import fair
-from .patches import Patches
+from .patches import SeenPatches
 from .planes import PATCH, evened
 from .refine import refine_by_color
 from .sight import FusionSight, Sighting
@@ -107,7 +107,7 @@ def reconstruct_place(
         return [FusionSight.of(shot, distance, FINEST_CELL * pixel, fog) for shot in shots], Album.of(shots)
 
     sights, album = developed(shots)
-    patches = Patches.seen(shots, distance, PATCH * max(fog * distance, LEAST_BAND * pixel))
+    patches = SeenPatches.seen(shots, distance, PATCH * max(fog * distance, LEAST_BAND * pixel))
     del shots
     points, faces, cells = _fused(sights, middle, stages)
     if overhead is not None and overhead.leak(points, faces) > MOST_LEAK:

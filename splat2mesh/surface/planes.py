@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..base.arrays import Directions, Faces, Floats, Indices, Mask, Points, Vector
 from .fair import edge_uses
-from .patches import Patches
+from .patches import SeenPatches
 
 SAMPLE, SKETCH = 40_000, 4_000
 """Patches, drawn by their area, that planes are fitted to, and those of them that tell good draws from bad ones."""
@@ -122,7 +122,7 @@ class _Surface(NamedTuple):
         return bells * evenly / ((2 * np.pi) ** 1.5 * noise * spread**2)
 
 
-def evened(points: Points, normals: Directions, faces: Faces, thickness: Floats, patches: Patches) -> Evened:
+def evened(points: Points, normals: Directions, faces: Faces, thickness: Floats, patches: SeenPatches) -> Evened:
     """Give vertices the normals of planes they lie on, larger planes first, blended where these end.
 
     points, normals: (V, 3), unit. faces: (F, 3). thickness: (V,) of the surface there, same unit: its noise. What
@@ -160,7 +160,7 @@ def evened(points: Points, normals: Directions, faces: Faces, thickness: Floats,
 
 class _Vertices(NamedTuple):
     """Points and unit normals (V, 3), how far each may stand out, mean lengths of its edges, and its cell of some
-    Patches, (V,) each."""
+    SeenPatches, (V,) each."""
 
     points: Points
     normals: Directions
@@ -168,7 +168,7 @@ class _Vertices(NamedTuple):
     lengths: Floats
     cells: Indices
 
-    def on(self, plane: Plane, patches: Patches) -> Indices:
+    def on(self, plane: Plane, patches: SeenPatches) -> Indices:
         """Which of them lie on a plane: in the cell of a patch that does, as high as this, and tilted by no more than
         CONE, and than noise tilts edges."""
         rows = np.flatnonzero(_on_plane(patches, plane))
@@ -183,7 +183,7 @@ class _Vertices(NamedTuple):
         return found[np.maximum(np.abs(above), tilted) <= self.reach[found]]
 
 
-def _on_plane(patches: Patches, plane: Plane) -> Mask:
+def _on_plane(patches: SeenPatches, plane: Plane) -> Mask:
     """Which patches lie on a plane, (S,): those as high and as tilted as it has them, or as their own noise allows."""
     heights, tilts = patches.points @ plane.normal - plane.offset, patches.normals @ plane.normal
     reach = SIGMAS * np.maximum(plane.noise, patches.thickness)
@@ -196,7 +196,7 @@ def _drawn(areas: Floats, rng: np.random.Generator) -> Indices:
     return np.minimum(np.searchsorted(chances, rng.random(SAMPLE) * chances[-1]), len(chances) - 1)
 
 
-def planes_of(patches: Patches) -> list[Plane]:
+def planes_of(patches: SeenPatches) -> list[Plane]:
     """The planes that patches lie on, the surest first; each patch counts for one of them, by its area."""
     if not len(patches.areas):
         return []

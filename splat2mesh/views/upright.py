@@ -29,7 +29,7 @@ def upright(
     """The rotation of `scene_from_splat`, and what source it: one phrase.
 
     up: one of UP_CHOICES. "auto" asks the trained cameras `views` where there are any, else what the file of `splats`
-    says, else their floor, else assumes the usual frame of trained files, and says from which side it is brighter. A
+    says, else their floor, else assumes the usual frame of trained files. A
     largest plane that faces along z is the floor of a place, but not of an object; `is_place` is called then, and
     tells. Raises InputError for another `up`.
     """

@@ -1,9 +1,9 @@
-"""Patches of a surface: means over cubes, apart where it faces other ways."""
+"""SeenPatches of a surface: means over cubes, apart where it faces other ways."""
 
 import numpy as np
 import pytest
 
-from splat2mesh.surface.patches import Patches
+from splat2mesh.surface.patches import SeenPatches
 
 
 def level(count, rng, height=0.0, noise=0.01):
@@ -16,7 +16,7 @@ def level(count, rng, height=0.0, noise=0.01):
 
 def of(points, normals, areas=None, thickness=0.05, side=0.5):
     count = len(points)
-    return Patches.of(points, normals, np.full(count, thickness), np.ones(count) if areas is None else areas, side)
+    return SeenPatches.of(points, normals, np.full(count, thickness), np.ones(count) if areas is None else areas, side)
 
 
 def test_patches_are_the_weighted_means_of_their_cells():

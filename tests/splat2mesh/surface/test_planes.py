@@ -6,7 +6,7 @@ from mesh_samples import arrays, sheet, sheet_points, sphere
 from scipy.spatial.transform import Rotation
 
 from splat2mesh.scene.mesh import vertex_normals
-from splat2mesh.surface.patches import Patches
+from splat2mesh.surface.patches import SeenPatches
 from splat2mesh.surface.planes import LEAST_GAIN, SIGMAS, evened
 
 SIDE = 0.12
@@ -58,7 +58,7 @@ def areas_of(points, faces):
 def even(points, faces, noise=BUMPS, side=SIDE):
     """Normals, and those for light where the surface is as thick as its noise."""
     normals, thickness = vertex_normals(points, faces), np.full(len(points), noise)
-    patches = Patches.of(points.astype(float), normals.astype(float), thickness, areas_of(points, faces), side)
+    patches = SeenPatches.of(points.astype(float), normals.astype(float), thickness, areas_of(points, faces), side)
     return normals, evened(points, normals, faces, thickness, patches)
 
 
