@@ -34,9 +34,6 @@ LEAST = 1e-9
 BRIGHTEST = 10.0
 """Log factor between lights that are told apart."""
 
-FREEDOM = 2.0
-"""Of Student's t, the distribution of the hue of lights: most are white, a few are lamps and evenings of any colour."""
-
 LUMA = luminance(np.eye(3))
 
 
@@ -107,9 +104,6 @@ class Evidence:
             warmth = fitted.warmth_outdoors, fitted.warmth_outdoors_spread
             green = fitted.green_outdoors, fitted.green_outdoors_spread
         self._usual_hue, self._hue_spread = np.array([warmth, green]).T
-        light = (fitted.light_warmth, fitted.light_warmth_spread), (fitted.light_green, fitted.light_green_spread)
-        self._light_hue, self._light_spread = np.array(light).T
-        self._mean_sky = places.sky.mean(axis=0).astype(np.float64)
         cosine = _cosines(places.normals, places.pairs)
         level, slanted = cosine > PARALLEL, (cosine <= PARALLEL) & (cosine > 0.0)
         near, weights, noise = places.pairs, places.weights, fitted.difference
@@ -150,7 +144,6 @@ class Evidence:
         received = self.received(log_light, basis)
         found = {name: pairs.cue(self.log_captured, received) for name, pairs in self._pairs.items()}
         found |= self._albedo(received)
-        found["light"] = self._illuminant(log_light, basis)
         if self.sky is not None:
             found |= self._sky(self.sky, log_light, basis)
         return found
@@ -200,19 +193,6 @@ class Evidence:
             ],
         }
         return {name: _quadratic(np.array(off[name][0]), np.array(off[name][1]), np.array(rows[name])) for name in off}
-
-    def _illuminant(self, log_light: NDArray[np.float64], basis: Floats | None) -> Cue:
-        """How usual the hue of the direct light is: what shines is the sun, a sky or a lamp, and nearly never green."""
-        parts = self._mean_sky[:, None] * _radiance(log_light)
-        total = np.maximum(parts.sum(axis=0), LEAST)
-        off = (AXES[1:] @ np.log(total) - self._light_hue) / self._light_spread
-        nats = 0.5 * (FREEDOM + 1.0) * float(np.log1p(off**2 / FREEDOM).sum())
-        if basis is None:
-            return Cue(nats)
-        slopes = (parts / total).T @ basis  # (3, M)
-        rows = np.array([(axis[:, None] * slopes).ravel() for axis in AXES[1:]]) / self._light_spread[:, None]
-        weight = (FREEDOM + 1.0) / (FREEDOM + off**2)
-        return Cue(nats, (weight * off) @ rows, (rows.T * weight) @ rows)
 
     def _sky(self, sky: SeenSky, log_light: NDArray[np.float64], basis: Floats | None) -> dict[str, Cue]:
         """The sky that was seen: as bright as it looked, and where it was clipped as bright as clipped skies are."""

@@ -20,9 +20,6 @@ class Fitted(NamedTuple):
     sky. albedo_spread: of its logarithm, while the form of the light is found.
     warmth, warmth_spread: log red over blue of the mean albedo of objects, and its spread; warmth_outdoors,
     warmth_outdoors_spread: under a captured sky. green, green_spread and so on: green over both.
-    light_warmth, light_warmth_spread, light_green, light_green_spread: the same of the direct light.
-    color_spread: factor on the variance of the colour of natural lights.
-    sun: nats against a sun.
     doubt: error of sRGB colours for each unit of the spread of the posterior, exceeded by one capture in five.
     """
 
@@ -49,12 +46,6 @@ class Fitted(NamedTuple):
     green_spread: float
     green_outdoors: float
     green_outdoors_spread: float
-    light_warmth: float
-    light_warmth_spread: float
-    light_green: float
-    light_green_spread: float
-    color_spread: float
-    sun: float
     doubt: float
 
 

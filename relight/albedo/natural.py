@@ -17,7 +17,6 @@ from splat2mesh.base.sphere import row_solid_angles, texel_directions
 from splat2mesh.scene.color import luminance
 
 from ..sh import harmonics
-from .fitted import FITTED
 
 BANDS = 5
 """Of the log radiance: 25 numbers for each axis of colour. Narrower light is a sun."""
@@ -90,7 +89,6 @@ def gaussian_of(
             for rows in sides:
                 covariance[np.ix_(rows, rows)] = block
         covariance += RIDGE * np.trace(covariance) / count * np.eye(count)
-        covariance *= FITTED.color_spread if axis else 1.0
         if axis == 0:
             covariance[0, 0] += 4.0 * np.pi * FREE_LEVEL**2
         precision += np.einsum("a,b,ij->aibj", AXES[axis], AXES[axis], np.linalg.inv(covariance))

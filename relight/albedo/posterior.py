@@ -148,7 +148,7 @@ def lights_of(
             found.append((SunLobe(np.asarray(direction, np.float64), best.parameters[-1]), best))
     if sun is not None and len(found) > 1:
         found = found[1:]
-    odds = -np.array([each.evidence + evidence.fitted.sun * (lobe is not None) for lobe, each in found])
+    odds = -np.array([each.evidence for _, each in found])
     shares = np.exp(odds - odds.max())
     lights = [
         _described(evidence, basis, lobe, each, float(share))

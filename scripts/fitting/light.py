@@ -16,11 +16,10 @@ from relight.albedo import fitted, natural, posterior
 from relight.albedo.evidence import Evidence, LitPlaces, SeenSky
 from relight.albedo.refined import refined
 from relight.sh import harmonics
-from splat2mesh.base.sphere import row_solid_angles
 from splat2mesh.scene.color import luminance, srgb_from_linear
 
 from . import trained
-from .captures import DIRECTIONS, harmonics_of, load, part_of
+from .captures import DIRECTIONS, harmonics_of, load
 
 STEPS = {
     "distant": 3.0,
@@ -36,7 +35,6 @@ STEPS = {
     "parallel_slope": 4.0,
     "slanted_slope": 4.0,
     "albedo_spread": 1.5,
-    "color_spread": 2.0,
 }
 """First factor on each number that is tried."""
 
@@ -134,19 +132,6 @@ def usual_colors(captures, trained, say=print):
     return {name: float(value) for name, value in usual.items()}
 
 
-def usual_lights(lights, say=print):
-    """Middle and spread of the hue of what light maps shine on level ground, a dict of numbers: the median, and 1.48
-    times the median distance from it, since some are lamps or evenings of any colour."""
-    weight = np.maximum(DIRECTIONS[:, 1], 0.0) * np.repeat(row_solid_angles(64, 128).ravel(), 128)
-    hues = np.array([natural.AXES[1:] @ np.log(weight @ image.reshape(-1, 3)) for image in lights])
-    middle = np.median(hues, axis=0)
-    spread = 1.4826 * np.median(np.abs(hues - middle), axis=0)
-    usual = {"light_warmth": middle[0], "light_warmth_spread": spread[0]}
-    usual |= {"light_green": middle[1], "light_green_spread": spread[1]}
-    say({name: round(float(value), 3) for name, value in usual.items()})
-    return {name: float(value) for name, value in usual.items()}
-
-
 def search(captures, numbers, rounds, say):
     """The numbers that lose least."""
 
@@ -167,11 +152,10 @@ def search(captures, numbers, rounds, say):
     return numbers
 
 
-def fit(folder, lights, rounds=2, say=print):
-    """Fit on the part "fit" of a corpus and of lights, name -> radiance; score all parts, and write fitted.json."""
+def fit(folder, rounds=2, say=print):
+    """Fit on the part "fit" of a corpus; score all parts, and write fitted.json."""
     parts = {part: load(folder, part) for part in ("fit", "choose", "test")}
-    own = [image for name, image in lights.items() if part_of(name) == "fit"]
-    usual = usual_colors(parts["fit"], trained.load(folder), say) | usual_lights(own, say)
+    usual = usual_colors(parts["fit"], trained.load(folder), say)
     numbers = search(parts["fit"], fitted.FITTED._replace(**usual), rounds, say)
     rows = {part: score(captures, numbers) for part, captures in parts.items() if captures}
     alone = score(parts["fit"], numbers, unrefined=True)  # the network knows the kinds of the fit part
@@ -200,7 +184,5 @@ def ablation(captures, numbers):
         "hue of the albedo": {
             f"{axis}{kind}_spread": 1e3 for axis in ("warmth", "green") for kind in ("", "_outdoors")
         },
-        "hue of the light": {"light_warmth_spread": 1e3, "light_green_spread": 1e3},
-        "a sun": {"sun": 1e6},
     }
     return {name: score(captures, numbers._replace(**change)).mean(axis=0)[:2] for name, change in without.items()}
