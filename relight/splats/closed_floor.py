@@ -31,9 +31,9 @@ from .floor_mirror import FloorMirror, placed
 from .mirrored_places import seen_at
 from .mirrored_room import views_down
 
-COARSE, MOST_EYES = 3, 24
-"""Cells along a side of a block that is closed as one, and how many eyes look for blocks. A cell is as wide as the
-margin of the floor, .05 sizes of the place."""
+COARSE = 3
+"""Cells along a side of a block that is closed as one. A cell is as wide as the margin of the floor, .05 sizes of the
+place."""
 
 UNDER = 0.02
 """How far below the floor that is there the rim of what closes it lies, in margins: it must not hide it."""
@@ -154,7 +154,7 @@ def _seen_cells(
     i @ steps + offset normal on. Outdoors, where nothing is above, an eye sees what is below a window's sill."""
     depth = mirror.offset - images @ mirror.normal
     blocks = np.zeros((0, 2), np.int64)
-    for eye in eyes[:: -(-len(eyes) // MOST_EYES)]:
+    for eye in eyes:
         seen = seen_at(images, depth, eye[None], mirror.normal, mirror.offset)
         ways = np.hstack([np.broadcast_to(eye, seen.shape), seen - eye]).astype(np.float32)
         seen = seen[~there.occluded(ways, FREE)]

@@ -21,8 +21,8 @@ from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.cleaning import sound
 from splat2mesh.splats.splats import INVISIBLE_OPACITY, Splats
 from splat2mesh.views.eyes import Eye, around
-from splat2mesh.views.standpoints import NEAR_DIAGONAL
-from splat2mesh.views.viewpoints import even_directions
+from splat2mesh.views.standpoints import EYES, NEAR_DIAGONAL
+from splat2mesh.views.viewpoints import OUTER_FOV_DEG, even_directions
 
 from ..albedo.seen import standing
 from .sky import sky_rows
@@ -46,10 +46,6 @@ AGREED = 0.5
 PIXELS = 128
 """Side of these pictures, six from each eye."""
 
-OUTSIDE, AWAY, FIELD_DEG = 24, 1.2, 60.0
-"""Eyes around an object whose capture positions are unknown, their distance in its diagonals, and their
-field of view."""
-
 
 class Eyes(NamedTuple):
     """From where people look, in the frame of the splats. points: (E, 3) float64. views: pictures of all that they see.
@@ -72,10 +68,11 @@ class Eyes(NamedTuple):
             views = around([Eye(point, 0.0) for point in points], PIXELS, up)[0]
             return cls(points, views, np.repeat(np.arange(len(points)), len(views) // len(points)), True)
         low, high = scene.bounds
-        points = 0.5 * (low + high) + AWAY * scene.diagonal * even_directions(OUTSIDE)
+        away = 0.5 / np.sin(np.radians(OUTER_FOV_DEG) / 2)  # diagonals, from which all of it shows
+        points = 0.5 * (low + high) + away * scene.diagonal * even_directions(EYES)
         points = points @ back[:3, :3].T + back[:3, 3]
         middle = 0.5 * (low + high) @ back[:3, :3].T + back[:3, 3]
-        views = [View.look_at(point, middle, up, FIELD_DEG, PIXELS) for point in points]
+        views = [View.look_at(point, middle, up, OUTER_FOV_DEG, PIXELS) for point in points]
         return cls(points, views, np.arange(len(points)), False)
 
 

@@ -38,8 +38,8 @@ LEVELS = 3
 LEAST_EYES = 1.0 / 3.0
 """Least part of the eyes above a floor: half of those that were found can stand in a well captured mirror world."""
 
-LEAST_COUNT, LEAST_PART = 300, 0.002
-"""Gaussians of depth DEEP, and their part of all: fewer are scatter."""
+LEAST_PART = 0.002
+"""Of the Gaussians, those of depth DEEP: fewer are scatter."""
 
 AGREEMENT, CLEARER = 0.55, 0.2
 """Correlation of the luminance of pixels that see through the floor with that of the surfaces which their mirrored rays
@@ -114,7 +114,7 @@ def _found(splats: Splats, scene: Scene, eyes: Points) -> FloorMirror | None:
     solid = shown & near & (splats.opacities > SOLID)
     for normal, offset in _levels(scene, eyes, size):
         deep = solid & (points @ normal - offset < -DEEP * size)
-        if deep.sum() < max(LEAST_COUNT, LEAST_PART * len(splats)):
+        if deep.sum() < LEAST_PART * len(splats):
             continue
         below = shown & (points @ normal - offset < -BENEATH * size)
         found = _proven(splats, points, below, _room(scene, normal, offset, eyes, size))

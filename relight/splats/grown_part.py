@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from splat2mesh.base.arrays import Floats, Mask, Points, Vector
 from splat2mesh.splats.splats import Splats
 
+from ..light.color_spaces import REC709, xyz_from_rgb
 from .attachment import FAR, Surface
 
 CONVEX = 0.2
@@ -24,8 +25,7 @@ CONVEX = 0.2
 LIGHTNESS = 0.5
 """Part of a difference in lightness that counts."""
 
-_XYZ = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
-"""From linear sRGB (IEC 61966-2-1)."""
+_XYZ = np.asarray(xyz_from_rgb(REC709))
 
 
 class GrowingSurface:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from splat2mesh.base.arrays import Floats, Indices, Mask, Points, Vector
 from splat2mesh.render.opacitygrid import BEFORE, OpacityGrid
 from splat2mesh.splats.splats import Splats
+from splat2mesh.views.panes import LEAST_OPEN
 from splat2mesh.views.viewpoints import bounds_of
 
 ALIKE = 0.2
@@ -24,29 +25,40 @@ were chosen on a generated garden and a real field with a building."""
 NEIGHBORS = 16
 """Splats of the sky whose mean colour is that of the sky in a direction."""
 
-LEAST_FREE, LEAST_EYES = 0.9, 2
-"""Part of the eyes that see a splat which see no surface behind it, and how many see it at least. Of splats with the
-colour of the sky, 31 of 4,042 and 106 of 13,636 exceed the first; 92 and 93% of the others stay below a tenth."""
+LEAST_EYES = 2
+"""How many eyes see a splat at least. LEAST_OPEN of them see no surface behind it: of splats with the colour of the
+sky, 31 of 4,042 and 106 of 13,636 exceed that; 92 and 93% of the others stay below a tenth."""
 
 COARSE = 3.0
 """Least angular size, over the median of the far background for one of its splats, and of all splats for a nearer one.
 Training leaves a sky coarse, while what stands against it, such as a white chimney or blossoms, is as fine as other
 surfaces."""
 
-SAMPLED = 20_000
-"""Splats whose sizes stand for those of all."""
-
 GRID_CELLS = 3_000_000
 """Cells of the inner grid that rays march through: a quarter of what finds the places of a capture."""
 
 
 class FromMiddle(NamedTuple):
-    """How splats look from the middle of a scene. directions: (N, 3) unit. colors: (N, 3) sRGB. sizes: (N,) about the
-    solid angle, times the opacity."""
+    """How splats look from the middle of a scene. off: (N, 3) their places from there, distance: (N,) of these. colors:
+    (N, 3) sRGB. sizes: (N,) about the solid angle, times the opacity."""
 
-    directions: Points
-    colors: Floats
+    off: Points
+    distance: Floats
+    colors: NDArray[np.float32]
     sizes: Floats
+
+    @classmethod
+    def of(cls, splats: Splats, middle: Vector) -> "FromMiddle":
+        """How Splats look from a place (3,)."""
+        finite = np.isfinite(splats.means).all(axis=1)[:, None]
+        off = np.where(finite, splats.means - middle, np.float32(1.0)).astype(np.float64)
+        distance = np.maximum(np.linalg.norm(off, axis=1), 1e-30)
+        sizes = np.nan_to_num(splats.opacities * (splats.scales.max(axis=1) / distance) ** 2) + 1e-30
+        return cls(off, distance, np.clip(splats.colors_diffuse, 0.0, 1.0), sizes)
+
+    @property
+    def directions(self) -> Points:
+        return self.off / self.distance[:, None]
 
 
 def hanging_sky(
@@ -63,7 +75,7 @@ def hanging_sky(
     sizes, distant = _sizes(splats, possible, eyes), np.isin(possible, far)
     coarse = np.where(distant, _coarse(splats, far, eyes), _coarse(splats, np.arange(len(splats)), eyes))
     rows = possible[sizes > coarse]
-    rows = rows[_alike(_from_middle(splats, rows, middle), _from_middle(splats, sky, middle))]
+    rows = rows[_alike(*(FromMiddle.of(splats.take(some), middle) for some in (rows, sky)))]
     if not len(rows):
         return rows
     solid = np.ones(len(splats), bool)
@@ -76,14 +88,6 @@ def hanging_sky(
     bounds = bounds_of(splats.take(np.flatnonzero(inner)))
     grid = OpacityGrid.around(splats.take(np.flatnonzero(solid)), bounds, GRID_CELLS)
     return np.sort(rows[_free(grid, splats.means[rows].astype(np.float64), eyes)])
-
-
-def _from_middle(splats: Splats, rows: Indices, middle: Vector) -> FromMiddle:
-    off = splats.means[rows].astype(np.float64) - middle
-    distance = np.maximum(np.linalg.norm(off, axis=1), 1e-30)
-    sizes = splats.opacities[rows] * (splats.scales[rows].max(axis=1) / distance) ** 2
-    colors = np.clip(splats.colors_diffuse[rows], 0.0, 1.0)
-    return FromMiddle(off / distance[:, None], colors, np.nan_to_num(sizes) + 1e-30)
 
 
 def _alike(some: FromMiddle, sky: FromMiddle) -> Mask:
@@ -105,7 +109,6 @@ def _sizes(splats: Splats, rows: Indices, eyes: Points) -> NDArray[np.float64]:
 
 def _coarse(splats: Splats, rows: Indices, eyes: Points) -> float:
     """The size, as of `_sizes`, above which some splats (M,) count as coarse; inf without any."""
-    rows = rows[:: max(1, len(rows) // SAMPLED)]
     rows = rows[np.isfinite(splats.means[rows]).all(axis=1)]
     return COARSE * float(np.median(_sizes(splats, rows, eyes))) if len(rows) else np.inf
 
@@ -120,4 +123,4 @@ def _free(grid: OpacityGrid, points: Points, eyes: Points) -> Mask:
         visible = ~(reached < BEFORE * length)
         shown += visible
         free += visible & np.isinf(reached)
-    return np.asarray((shown >= LEAST_EYES) & (free > LEAST_FREE * shown))
+    return np.asarray((shown >= LEAST_EYES) & (free > LEAST_OPEN * shown))

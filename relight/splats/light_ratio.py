@@ -13,9 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from splat2mesh.base.arrays import Floats, Radiance
 from splat2mesh.base.errors import InputError
-from splat2mesh.scene.color import BLACK, srgb_from_linear
+from splat2mesh.scene.color import BLACK, linear_from_srgb, srgb_from_linear
 from splat2mesh.splats.splats import SH_C0
 
+from ..albedo.division import SOFTNESS
 from ..light.tonemap import SHOULDER_START
 
 CURVE_OFFSET = 0.055
@@ -23,19 +24,12 @@ CURVE_POWER = 2.4
 """Of the sRGB curve, IEC 61966-2-1. The toe, below a display value of 0.04, is where the affine map is off: by at most
 0.055 (g - 1) for a black that stays black, which the fit in views takes back."""
 
-SOFTNESS = 0.1
-"""Of the median irradiance: where less than this arrived, the mean change weighs more than the place's own. It gains
-0.1 dB on a tabletop and costs an object 0.2; 0.4 costs that one 2 dB."""
-
-LEAST = 1e-4
-MOST = 1.0 / LEAST
+LEAST, MOST = BLACK, 1.0 / BLACK
 """Range of a light ratio: a display can show no more."""
 
-BURNING = 0.926
+BURNING = 1.0 - (1.0 - SHOULDER_START) * np.exp(-1.0)
 """Linear value above which the colour of a Gaussian itself is rolled off: to that the light ratio brings what calls for
 1, so that nothing is compressed twice."""
-
-_LEAST_ROOM = 1e-3  # what was captured white stays white
 
 
 class Usual(NamedTuple):
@@ -88,7 +82,7 @@ def log_gain(
     )
     ratio += _excess(captured, before) * (whole - ratio)
     shown, start = ratio * captured, np.maximum(SHOULDER_START, captured)
-    room = np.maximum(1.0 - start, _LEAST_ROOM)
+    room = np.maximum(1.0 - start, BLACK)  # what was captured white stays white
     rolled = start - room * np.expm1(-np.maximum(shown - start, 0.0) / room)
     ratio = np.where(shown > start, rolled / np.maximum(captured, BLACK), ratio)
     logs = np.log(np.clip(ratio, LEAST, MOST)) / CURVE_POWER
@@ -146,18 +140,13 @@ def without_clipping(
     rows, colors = np.nonzero((shown > srgb_from_linear(np.float32(BURNING))) & (relit > captured))
     if not len(rows):
         return relit
-    before = _linear(0.5 + SH_C0 * captured[rows, colors].astype(np.float64))
+    before = linear_from_srgb(0.5 + SH_C0 * captured[rows, colors].astype(np.float64))
     start = np.maximum(BURNING, before)
-    room, over = np.maximum(1.0 - start, _LEAST_ROOM), np.maximum(_linear(shown[rows, colors]) - start, 0.0)
-    rolled = (1.0 + CURVE_OFFSET) * (start + room * over / (room + over)) ** (1.0 / CURVE_POWER) - CURVE_OFFSET
+    room, over = np.maximum(1.0 - start, BLACK), np.maximum(linear_from_srgb(shown[rows, colors]) - start, 0.0)
+    rolled = srgb_from_linear(start + room * over / (room + over))
     result = relit.copy()
     result[rows, colors] = np.where(over > 0.0, (rolled - 0.5) / SH_C0, relit[rows, colors])
     return result
-
-
-def _linear(shown: Floats) -> Floats:
-    """Linear values of display values (M,), above the toe of the sRGB curve, beyond 1 as well."""
-    return ((np.maximum(shown, 0.0) + CURVE_OFFSET) / (1.0 + CURVE_OFFSET)) ** CURVE_POWER
 
 
 def _excess(captured: Radiance, before: Radiance) -> Floats:

@@ -15,6 +15,7 @@ from splat2mesh.render.view import View
 from splat2mesh.scene.color import linear_from_srgb, luminance
 from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.splats import Splats
+from splat2mesh.views.standpoints import NEAR_DIAGONAL
 
 REACH = 6.0
 """Around the eyes, in sizes of the place: how far its floor matters."""
@@ -25,9 +26,6 @@ TURNS = 7
 EYES, SIDES, PIXELS, FIELD_DEG, SLOPE = 6, 3, 64, 80.0, 0.45
 """Of the pictures through the floor: eyes, pictures from each, pixels along a side, field of view, and how far down
 they look."""
-
-NEAR = 0.02
-"""Near plane of these, in sizes."""
 
 THROUGH = 0.3
 """Opacity that Gaussians beneath add to a pixel that sees through the floor."""
@@ -70,7 +68,7 @@ class MirroredRoom:
         matrix = np.asarray(self.scene.scene_from_splat, np.float64)
         back = np.linalg.inv(matrix)
         upper, lower = splats.take(np.flatnonzero(~below)), splats.take(np.flatnonzero(below))
-        near = NEAR * self.size * float(np.cbrt(abs(np.linalg.det(back[:3, :3]))))
+        near = NEAR_DIAGONAL * self.scene.diagonal * float(np.cbrt(abs(np.linalg.det(back[:3, :3]))))
         found, of_plane = [], 0
         for eye, view in views_down(self.eyes, matrix, PIXELS):
             rays = view.ray_directions().reshape(-1, 3) @ matrix[:3, :3].T

@@ -25,7 +25,8 @@ from ..light import SKIES
 from ..light.captured import CapturedLight
 from ..light.tonemap import tone_map
 from ..transfer.store import Cache, array_key
-from .hanging_sky import hanging_sky
+from .attachment import FAR
+from .hanging_sky import FromMiddle, hanging_sky
 from .light_ratio import CURVE_POWER, LEAST, MOST, relit_sh
 
 if TYPE_CHECKING:
@@ -49,9 +50,6 @@ luminance below which they are that, and not a sky at evening."""
 NEAR_PART = 0.4
 """Share of the sky's usual distance below which a splat is a surface. A sky has no parallax, so training puts it
 far."""
-
-STRAY = 0.05
-"""Of the mesh's diagonal: from how far of it a splat that looks like sky is sky, though nearer than the background."""
 
 VOTES = 9
 """Neighbours, itself among them, whose majority a far splat follows."""
@@ -129,7 +127,7 @@ def sky_rows(
     colored, distant = _sky_by_hue(splats, others, backdrop)
     strays = others[colored & distant]
     places = splats.means[strays] @ matrix[:3, :3].T + matrix[:3, 3]
-    reach = STRAY * float(np.linalg.norm(np.ptp(vertices, axis=0)))
+    reach = FAR * float(np.linalg.norm(np.ptp(vertices, axis=0)))
     gap = scipy.spatial.cKDTree(vertices).query(places, distance_upper_bound=reach)[0]
     found = np.concatenate([sky, strays[~np.isfinite(gap)]])
     if eyes is None or not len(eyes):
@@ -153,9 +151,9 @@ class Backdrop(NamedTuple):
 
 def backdrop_of(some: Splats, middle: Vector, up: Vector) -> Backdrop:
     """The Backdrop of far Splats, or of a sample of them. middle, up: of a Backdrop."""
-    _, distance, height, color = _seen(some, middle, up)
+    off, distance, color, size = FromMiddle.of(some, middle)
+    height = _height(off, distance, up)
     bright = luminance(linear_from_srgb(color))
-    size = np.nan_to_num(some.opacities * (some.scales.max(axis=1) / distance) ** 2) + 1e-30  # about its area
     high = height > min(HIGH, height.max() - 1e-9)
     level = weighted_quantile(bright[high], size[high], LEVEL)
     free = ~_surface(height, color, level)
@@ -165,7 +163,7 @@ def backdrop_of(some: Splats, middle: Vector, up: Vector) -> Backdrop:
 
 def is_sky(some: Splats, backdrop: Backdrop) -> Mask:
     """Which of far Splats show sky: (N,) bool."""
-    off, sky = _seen(some, backdrop.middle, backdrop.up)[0], _like_sky(some, backdrop)
+    off, sky = FromMiddle.of(some, backdrop.middle).off, _like_sky(some, backdrop)
     around = scipy.spatial.cKDTree(off).query(off, min(VOTES, len(off)))[1].reshape(len(off), -1)
     return sky[around].mean(axis=1) > 0.5
 
@@ -175,11 +173,9 @@ def _roughness(some: Splats, shown: Mask, backdrop: Backdrop) -> float:
     sky, (N,) bool; 0 for too few."""
     if shown.sum() < VOTES:
         return 0.0
-    off, distance, _, color = _seen(some, backdrop.middle, backdrop.up)
-    toward, bright = off / distance[:, None], color.mean(axis=1)
-    around = scipy.spatial.cKDTree(toward).query(toward[shown], VOTES)[1]
-    size = np.nan_to_num(some.opacities * (some.scales.max(axis=1) / distance) ** 2)[shown] + 1e-30
-    return weighted_quantile(bright[around].std(axis=1), size, 0.5)
+    seen = FromMiddle.of(some, backdrop.middle)
+    around = scipy.spatial.cKDTree(seen.directions).query(seen.directions[shown], VOTES)[1]
+    return weighted_quantile(seen.colors.mean(axis=1)[around].std(axis=1), seen.sizes[shown], 0.5)
 
 
 def _like_sky(some: Splats, backdrop: Backdrop) -> Mask:
@@ -190,20 +186,13 @@ def _like_sky(some: Splats, backdrop: Backdrop) -> Mask:
 
 def _sky_by_hue(splats: Splats, rows: Indices, backdrop: Backdrop) -> tuple[Mask, Mask]:
     """Which rows (M,) have the elevation and colour of sky, and which are far enough: (M,) bool each."""
-    some = splats.take(rows)
-    _, distance, height, color = _seen(some, backdrop.middle, backdrop.up)
-    return ~_surface(height, color, backdrop.level), distance >= backdrop.least
+    off, distance, color, _ = FromMiddle.of(splats.take(rows), backdrop.middle)
+    return ~_surface(_height(off, distance, backdrop.up), color, backdrop.level), distance >= backdrop.least
 
 
-def _seen(
-    some: Splats, middle: Vector, up: Vector
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float32]]:
-    """Places (N, 3) from the middle, distances (N,), sines of their elevation (N,) and shown colours (N, 3)."""
-    finite = np.isfinite(some.means).all(axis=1)[:, None]
-    off = np.where(finite, some.means - middle, np.float32(1.0)).astype(np.float64)
-    distance = np.maximum(np.linalg.norm(off, axis=1), 1e-30)
-    color = np.clip(some.sh[:, 0] * np.float32(SH_C0) + np.float32(0.5), 0.0, 1.0)
-    return off, distance, off @ (up / np.linalg.norm(up)) / distance, color
+def _height(off: Points, distance: Floats, up: Vector) -> Floats:
+    """Sines (N,) of the elevation of places (N, 3) so far away, (N,)."""
+    return off @ (up / np.linalg.norm(up)) / distance
 
 
 def _surface(height: Floats, color: Floats, level: float) -> Mask:

@@ -35,8 +35,8 @@ _KEPT = (
 )
 
 
-HIDDEN = -15.0
-"""Logit of the opacity of a splat that is left out: 3e-7, far below what any viewer draws."""
+HIDDEN = np.float32(logit(0.0))
+"""Logit of the opacity of a splat that is left out: that of 0 in every file that is written here."""
 
 
 def write_relit_ply(

@@ -9,7 +9,8 @@ from splat_samples import open_air
 from relight import Environment
 from relight.light.projections import texel_directions
 from relight.splats import shown_as_sky, write_relit_ply
-from relight.splats.sky import STRAY, FarSplats, sky_rows
+from relight.splats.attachment import FAR
+from relight.splats.sky import FarSplats, sky_rows
 from splat2mesh.base.errors import InputError
 from splat2mesh.scene.color import linear_from_srgb
 from splat2mesh.splats.formats import read_splats
@@ -116,7 +117,7 @@ def test_sky_that_hangs_before_the_background_is_sky_unless_the_mesh_is_there(fl
     mesh = np.concatenate([np.eye(3), splats.means[strays[:10]] @ turn[:3, :3] + 0.1])
     found = sky_rows(splats, rest, turn, mesh)
     gap = np.linalg.norm((splats.means[strays] @ turn[:3, :3])[:, None] - mesh, axis=2).min(axis=1)
-    free = gap > STRAY * np.linalg.norm(np.ptp(mesh, axis=0))
+    free = gap > FAR * np.linalg.norm(np.ptp(mesh, axis=0))
     assert not free[:10].any() and free.sum() > 20
     np.testing.assert_array_equal(np.isin(strays, found), free)
     assert len(np.setdiff1d(found, sky)) == 0  # neither blossoms nor what is near
