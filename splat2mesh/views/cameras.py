@@ -30,8 +30,8 @@ LOOKED_AT = 20_000
 SEES = 0.001
 """Share of the solid splats that a camera must have in its picture to see the capture: one room of many is 1%."""
 
-JUDGES, JUDGE_PIXELS = 16, 64
-"""Views, and their longer side, for the choice among several frames."""
+JUDGES = 16
+"""Views for the choice among several frames."""
 
 CLEARLY = 0.95
 """Share of the sharpest frame's sharpness from which a likelier frame is taken: wrong ones reach .37 to .94 of it
@@ -239,12 +239,12 @@ def _solid(splats: Splats) -> Points:
 def _sharpness(views: Sequence[View], splats: Splats) -> float:
     """Mean over pictures of how much sharp surface they show, 0 to 1: cameras in the right frame show most."""
     from ..render.opacityfield import field_depth
-    from .viewpoints import bounds_of, near_plane, thinned
+    from .viewpoints import CANDIDATE_PIXELS, bounds_of, near_plane, thinned
 
     near, sketch = near_plane(bounds_of(splats)), thinned(splats, np.random.default_rng(0))
     shown = []
     for view in spread_out(views, JUDGES):
-        surface = field_depth(sketch, view.resized(JUDGE_PIXELS), near)
+        surface = field_depth(sketch, view.resized(CANDIDATE_PIXELS), near)
         seen = np.isfinite(surface.depth)
         blur = surface.spread[seen] / surface.depth[seen] / SHARP
         shown.append(np.sum(1 / (1 + blur**2)) / seen.size)

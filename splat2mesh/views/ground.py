@@ -20,7 +20,7 @@ from ..base.sphere import level_axes
 from ..render.rasterize import rasterize
 from ..render.view import View
 from ..splats.splats import SOLID, Splats
-from .viewpoints import even_directions
+from .viewpoints import OUTER_FOV_DEG, even_directions
 
 CELLS = 40
 """Cells along the radius that holds half of the detail: all that a cell holds counts once, so that a thing of many
@@ -30,8 +30,8 @@ DIRECTIONS, SAMPLE = 2400, 25_000
 """Directions (3.7 degrees apart) of the search for planes, and the cells searched."""
 
 
-LOOKED_FROM, DETAIL_PIXELS, SOLID_PIXEL = 2.5, 192, 0.95
-"""Radii to the eyes, and the side and least alpha of the pictures, whose detail shows from where cameras looked."""
+DETAIL_PIXELS, SOLID_PIXEL = 192, 0.95
+"""Side and least alpha of the pictures whose detail shows from where cameras looked."""
 
 
 @dataclass(frozen=True)
@@ -194,12 +194,13 @@ def _sharper(splats: Splats, normal: Vector) -> float:
     center = np.median(splats.means.astype(np.float64), axis=0)
     radius = np.percentile(np.linalg.norm(splats.means - center, axis=1), 98.0)
     across, along = level_axes(normal)
+    away = radius / np.sin(np.radians(OUTER_FOV_DEG) / 2)
     detail = []
     for side in (normal, -normal):
         parts = []
         for lean in (across, along, -across, -along):
-            eye = center + LOOKED_FROM * radius * (0.8 * side + 0.6 * lean)
-            shown = rasterize(splats, View.look_at(eye, center, normal, 45.0, DETAIL_PIXELS))
+            eye = center + away * (0.8 * side + 0.6 * lean)
+            shown = rasterize(splats, View.look_at(eye, center, normal, OUTER_FOV_DEG, DETAIL_PIXELS))
             color = shown.color.astype(np.float64)
             apart = np.abs(
                 4 * color[1:-1, 1:-1] - color[2:, 1:-1] - color[:-2, 1:-1] - color[1:-1, 2:] - color[1:-1, :-2]

@@ -18,9 +18,6 @@ from .eyes import Eye, around
 UP_LEAST = 0.5
 """Least sine of a line's elevation at which it looks at the ceiling: lower lines pass through windows."""
 
-MOST_LINES = 50_000
-"""Lines of sight at most."""
-
 PAST = 1.5
 """How far past the opaque splats, as a multiple of the way to them, a line must stay free of the mesh to be a leak:
 where the mesh has no ceiling, the line may still meet the house opposite."""
@@ -42,8 +39,7 @@ class Overhead(NamedTuple):
         """From rays of M points (M, 3) in K unit directions: how far away each met the foreground, (M, K), or NaN."""
         rising = np.flatnonzero(directions @ up > UP_LEAST)
         point, ray = np.nonzero(np.isfinite(met[:, rising]))
-        step = 1 + len(point) // MOST_LINES
-        point, ray = point[::step], rising[ray[::step]]
+        ray = rising[ray]
         way = met[point, ray, None] * directions[ray]
         return cls(np.hstack([points[point], way]).astype(np.float32), eyes, up)
 

@@ -7,6 +7,7 @@ import numpy as np
 from ..base.arrays import Faces, Floats, Points, Vector
 from ..base.sphere import level_directions
 from ..render.beside import WIDTH
+from ..render.opacitygrid import BEFORE
 from ..render.raycaster import RayCaster
 from ..render.view import View
 from .eyes import Eye
@@ -24,9 +25,6 @@ TILTS_DEG = -6.0, -18.0
 
 ROOMY = 0.35
 """Distance, in units of the typical one, that the nearest twentieth of a good picture has at least."""
-
-SEEN = 1.02
-"""Depth of a vertex over that of the surface before it, up to which the vertex shows."""
 
 
 def place_view(
@@ -75,7 +73,7 @@ def mesh_depth(vertices: Points, faces: Faces) -> Callable[[View], Floats]:
 
 def _worth(view: View, depth: Floats, points: Points, typical: float) -> float:
     _, pixel, z = view.shown(points)
-    shown = (z < SEEN * depth[tuple(pixel)]).sum() / len(points)
+    shown = (BEFORE * z < depth[tuple(pixel)]).sum() / len(points)
     met = depth[np.isfinite(depth)]
     near = float(np.percentile(met, 5)) if len(met) else 0.0
     return shown * min(near / (ROOMY * typical), 1.0) * (0.3 + 0.7 * len(met) / depth.size)
