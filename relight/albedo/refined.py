@@ -33,9 +33,6 @@ PLACES, CELLS, BANDS = 640, 256, 7
 AROUND = 0.12
 """Spread, in radians, over which the change of a cell is blended, as in training: about half of a cell."""
 
-LEAST_SEEN = 0.05
-"""Part of a direction that must have been seen for the radiance of a captured sky to count."""
-
 
 class NetworkInputs(NamedTuple):
     """What the network is given, float32; luminance in parts of the median captured one.
@@ -67,7 +64,7 @@ def inputs_of(evidence: Evidence, radiance: Floats, rows: NDArray[np.int64]) -> 
     if evidence.sky is not None:
         clipped, open_sky = (evidence.sky_shares() * (places.directions[:, 1:] > 0.0)).T
         looked = np.log(luminance(np.exp(evidence.sky.log_radiance)) / unit)
-        seen = np.stack([open_sky, clipped, np.where(open_sky > LEAST_SEEN, looked, 0.0)], axis=1)
+        seen = np.stack([open_sky, clipped, np.where(open_sky > 0.0, looked, 0.0)], axis=1)
     light = np.log(np.maximum(luminance(radiance), LEAST) / unit)
     of_places = places.sky[rows], captured[rows] / unit, bounced[rows] / unit, places.normals[rows, 1]
     arrays = (*of_places, light, seen, *_cells(places.directions.tobytes()))

@@ -54,20 +54,20 @@ def _paint(rng, tone):
 
 
 def _walls(made, rng, reach, edge, paint):
-    """Blocks around the middle, each turned its own way or all squared; with dark panes or without."""
+    """Blocks around the middle, each turned its own way or all squared; with panes of another paint or without."""
     squared, tall = rng.random() < 0.6, np.exp(rng.uniform(np.log(0.3), np.log(2.0))) * reach
     for turn_deg in rng.permutation(np.arange(0, 360, 45))[: rng.integers(0, 8)]:
         turned = float(turn_deg) if not squared else 90.0 * round(turn_deg / 90.0)
         wide, high, far = rng.uniform(0.4, 2.4) * reach, tall * rng.uniform(0.5, 1.3), reach * rng.uniform(0.85, 1.5)
         side = (rng.uniform(-0.6, 0.6) if squared else 0.0) * reach
-        wall = [block((-wide / 2, -0.1, -0.5 * reach), (wide / 2, high, 0.0), edge)]
-        made.add([moved(moved(each, (side, 0, -far)), (0, 0, 0), turned) for each in wall], paint())
+        wall = moved(block((-wide / 2, -0.1, -0.5 * reach), (wide / 2, high, 0.0), edge), (side, 0, -far))
+        made.add(moved(wall, (0, 0, 0), turned), paint())
         if rng.random() < 0.5:
             panes = int(rng.integers(1, 5))
             at = (np.arange(panes) + 0.5) / panes * wide - wide / 2
             half, low, top = 0.3 * wide / panes, 0.3 * high * rng.random(), high * rng.uniform(0.5, 0.9)
-            dark = [block((x - half, low, 0.0), (x + half, top, 0.02 * reach), edge) for x in at]
-            made.add([moved(moved(each, (side, 0, -far)), (0, 0, 0), turned) for each in dark], paint())
+            each = [block((x - half, low, 0.0), (x + half, top, 0.02 * reach), edge) for x in at]
+            made.add(moved(moved(joined(each), (side, 0, -far)), (0, 0, 0), turned), paint())
 
 
 def _things(made, rng, reach, edge, paint):
