@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from splat2mesh.base.arrays import Radiance
 from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.base.progress import Advance
+from splat2mesh.base.quantiles import weighted_quantile
 from splat2mesh.scene.color import luminance
 from splat2mesh.scene.measured import CapturedSky
 
@@ -21,7 +22,7 @@ from ..transfer.occluder import Occluder
 from ..transfer.transport import Transport
 from . import samples
 from .direct import direct_light
-from .division import LIGHTEST, Prior, albedo_of, checked, prior_of, weighted_quantile
+from .division import LIGHTEST, Prior, albedo_of, checked, prior_of
 from .evidence import Evidence, LitPlaces
 from .fitted import FITTED
 from .posterior import PosteriorLight, doubt_db

@@ -5,9 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from splat2mesh.base.arrays import Floats
 from splat2mesh.base.errors import InputError
-from splat2mesh.base.kernels import kernel
+from splat2mesh.base.quantiles import weighted_quantile
 
 DARKEST, LIGHTEST = 0.02, 0.95
 """Range of the albedo: soot to fresh snow. Values outside are errors of the light, and above 1 light would grow."""
@@ -68,58 +67,12 @@ def prior_of(captured: ArrayLike, irradiance: ArrayLike, shares: ArrayLike | Non
         lit = (received > 0.0) & (shares > 0.0)
         if not lit.any():
             continue
-        middle = weighted_median(received[lit], shares[lit])
+        middle = weighted_quantile(received[lit], shares[lit])
         soft[color] = max(SOFTNESS * middle, float(np.finfo(np.float32).tiny))
         clear = lit & (received >= soft[color])
-        ratio = weighted_median(sent[clear] / received[clear], shares[clear])
+        ratio = weighted_quantile(sent[clear] / received[clear], shares[clear])
         usual[color] = np.clip(ratio, DARKEST, LIGHTEST)
     return Prior(usual, soft)
-
-
-def weighted_median(values: Floats, weights: Floats) -> float:
-    """The value at half of the weight, of (N,) values with N > 0; the same in any order except for equal values."""
-    return weighted_quantile(values, weights, 0.5)
-
-
-def weighted_quantile(values: Floats, weights: Floats, part: float) -> float:
-    """The value at this part of the weight, of (N,) values with N > 0; NaN counts as infinite."""
-    left, heavy = np.array(values, np.float64), np.array(weights, np.float64)  # copies, which are partitioned
-    left[np.isnan(left)] = np.inf
-    return float(_at_weight(left, heavy, part * heavy.sum()))
-
-
-@kernel
-def _at_weight(values: NDArray[np.float64], weights: NDArray[np.float64], target: float) -> float:
-    """The least value up to which the weights sum to the target, by partitions about a pivot (Hoare's quickselect,
-    1961, with equal values in the middle): a sort of all takes ten times as long."""
-    first, last, below = 0, len(values), 0.0
-    while last - first > 1:
-        a, b, c = values[first], values[(first + last) // 2], values[last - 1]
-        pivot = max(min(a, b), min(max(a, b), c))
-        less, more, i = first, last, first
-        lighter, equal = 0.0, 0.0
-        while i < more:
-            value, weight = values[i], weights[i]
-            if value < pivot:
-                lighter += weight
-                values[i], weights[i] = values[less], weights[less]
-                values[less], weights[less] = value, weight
-                less += 1
-                i += 1
-            elif value > pivot:
-                more -= 1
-                values[i], weights[i] = values[more], weights[more]
-                values[more], weights[more] = value, weight
-            else:
-                equal += weight
-                i += 1
-        if less > first and below + lighter >= target:
-            last = less
-        elif below + lighter + equal >= target or more == last:
-            return pivot
-        else:
-            first, below = more, below + lighter + equal
-    return values[first]
 
 
 def checked(colors: ArrayLike, name: str) -> NDArray[np.float32]:

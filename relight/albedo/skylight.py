@@ -7,12 +7,12 @@ import scipy
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Directions, Floats
+from splat2mesh.base.quantiles import weighted_quantile
 from splat2mesh.base.sphere import row_solid_angles, texel_directions
 from splat2mesh.scene.color import luminance
 from splat2mesh.scene.measured import CapturedSky
 
 from ..light.environment import Environment
-from .division import weighted_median
 from .evidence import SeenSky, upper_sky
 
 GROUND = 0.2
@@ -102,7 +102,7 @@ def exposure_of(sky: CapturedSky, environment: Environment) -> np.float32 | None
     if areas[binds][lit].sum() < LEAST_COMPARED:
         return None
     ratio = luminance(sky.radiance[binds][lit]) / luminance(shown[lit])
-    return np.float32(weighted_median(ratio, areas[binds][lit] * directions[binds][lit, 1] ** 2))
+    return np.float32(weighted_quantile(ratio, areas[binds][lit] * directions[binds][lit, 1] ** 2))
 
 
 def _unseen(bound: Floats, clipped: Floats, directions: Directions) -> NDArray[np.float64]:

@@ -15,11 +15,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from splat2mesh.base.arrays import Floats, Indices, Mask, Points, Vector
 from splat2mesh.base.errors import InputError
+from splat2mesh.base.quantiles import weighted_quantile
 from splat2mesh.scene.color import linear_from_srgb, luminance
 from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.splats import SH_C0, Splats
 
-from ..albedo.division import weighted_quantile
 from ..albedo.seen import standing
 from ..light import SKIES
 from ..light.captured import CapturedLight

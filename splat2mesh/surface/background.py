@@ -7,11 +7,11 @@ import numpy as np
 
 from ..base.arrays import Mask, Vector
 from ..base.calibration import NOT_RECORDED, Provenance
+from ..base.quantiles import weighted_quantile
 from ..base.sphere import level_directions
 from ..render.view import View
 from ..splats.splats import SOLID, Splats
 from ..views.eyes import Eye, around
-from ..views.ground import weighted_median
 from ..views.viewpoints import bounds_of, near_plane
 
 
@@ -56,9 +56,9 @@ def foreground_ball(splats: Splats) -> tuple[Vector, float, Mask]:
         return np.zeros(3), np.inf, apart
     size = splats.scales.max(axis=1)
     detail = 1.0 / np.maximum(size[solid], np.percentile(size[solid], 5) + 1e-30).astype(np.float64) ** 2
-    center = np.array([weighted_median(splats.means[solid, axis], detail) for axis in range(3)])
+    center = np.array([weighted_quantile(splats.means[solid, axis], detail) for axis in range(3)])
     distance = np.linalg.norm(splats.means - center, axis=1)
-    radius = BACKGROUND.radii * weighted_median(distance[solid], detail)
+    radius = BACKGROUND.radii * weighted_quantile(distance[solid], detail)
     far = distance > radius
     out, here = solid & far, solid & ~far
     few = out.sum() < BACKGROUND.least_share * solid.sum()

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from ..base.arrays import Directions, Floats, Integers, Points, Vector
 from ..base.calibration import NOT_RECORDED, Provenance
 from ..base.distinct import distinct
+from ..base.quantiles import weighted_quantile
 from ..base.sphere import level_axes
 from ..render.rasterize import rasterize
 from ..render.view import View
@@ -251,10 +252,10 @@ def _cells(splats: Splats) -> tuple[NDArray[np.float64], float]:
     size = splats.scales[solid].max(axis=1)
     detail = 1.0 / np.maximum(size, np.percentile(size, 5) + 1e-30).astype(np.float64) ** 2
     means = splats.means[solid].astype(np.float64)
-    middle = np.array([weighted_median(means[:, axis], detail) for axis in range(3)])
+    middle = np.array([weighted_quantile(means[:, axis], detail) for axis in range(3)])
     means -= middle
     distance = np.sqrt(_along(means**2, np.ones(3)))
-    radius = weighted_median(distance, detail) + 1e-30
+    radius = weighted_quantile(distance, detail) + 1e-30
     index = np.floor(means[distance < FLOOR.radii * radius] * (CELLS / radius)).astype(np.int64)
     wide = 2 * round(FLOOR.radii) * CELLS
     keys = distinct(((index[:, 0] + wide) * 2 * wide + index[:, 1] + wide) * 2 * wide + index[:, 2] + wide)
@@ -303,9 +304,3 @@ def _along(points: Points, direction: Vector) -> Floats:
     """Dot products, (N,), term by term: the rounding of a matrix product depends on its threads."""
     return points[:, 0] * direction[0] + points[:, 1] * direction[1] + points[:, 2] * direction[2]
 
-
-def weighted_median(values: Floats, weights: Floats) -> float:
-    """The value, of values (N,) with weights (N,), at which half of the weight is reached."""
-    order = np.argsort(values, kind="stable")
-    reached = np.cumsum(weights[order])
-    return float(values[order][np.searchsorted(reached, reached[-1] / 2.0)])

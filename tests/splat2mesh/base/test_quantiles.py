@@ -1,13 +1,13 @@
-"""Weighted quantiles without a sort."""
+"""Weighted quantiles."""
 
 import numpy as np
 import pytest
 
-from relight.albedo.division import weighted_quantile
+from splat2mesh.base.quantiles import weighted_quantile
 
 
 @pytest.mark.parametrize("part", [0.0, 0.25, 0.5, 0.98, 1.0])
-def test_a_quantile_is_that_of_a_sort(part):
+def test_a_weighted_quantile_reaches_its_part_of_the_weight(part):
     """Weights are whole numbers, whose sums are exact: so is the answer, among equal values too."""
     rng = np.random.default_rng(4)
     for count in (1, 2, 3, 10, 999):
