@@ -11,30 +11,23 @@ A share of the irradiance, and the brightness, are those of a surface that faces
 import math
 import os
 from dataclasses import dataclass, replace
-from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from splat2mesh.base.arrays import Floats, Vector
+from splat2mesh.base.arrays import Vector
 from splat2mesh.base.errors import InputError
 from splat2mesh.scene.color import luminance
 
-from ..light import projections
 from ..light.captured_light import CapturedLights, LikelyLight, LikelySun, choose_new, read_environment
 from ..light.environment import Environment
 from ..light.sun_position import toward
 from ..light.suns import Suns
-from .captured import HEIGHT, WIDTH, CapturedScene
+from .captured import CapturedScene
 from .division import albedo_of, prior_of
-
-SUN_WIDTH_DEG = 1.5
-"""Spread of a sun set by hand: about a texel, so that its energy does not depend on where it stands between texels."""
-
-AROUND_DEG = 20.0, 26.0
-"""Of an offered sun: what lies nearer is its light over that of the ring, and becomes sky like the ring."""
+from .offered import drawn_sun, environment_of, facing, texels
 
 RANGES = {
     "azimuth_deg": (0.0, 360.0),
@@ -91,7 +84,7 @@ class HandLight:
 
 class SkyAndSun(NamedTuple):
     """An offered light in its parts. entry: of `captured_light.json`. whole: the Environment as offered. sky: without
-    the sun. color: (3,) of the sun, luminance 1. hand: the HandLight that leaves it as offered."""
+    the sun that is drawn in it. color: (3,) of the sun, luminance 1. hand: the HandLight that leaves it as offered."""
 
     entry: LikelyLight
     whole: Environment
@@ -102,18 +95,16 @@ class SkyAndSun(NamedTuple):
     @classmethod
     def of(cls, entry: LikelyLight, environment: Environment) -> "SkyAndSun":
         """Return an offered light in its parts: without a sun in its entry, its sky is all of it."""
-        directions, _ = _texels()
-        image = environment.lookup(directions).astype(np.float64)
+        image = environment.lookup(texels()[0]).astype(np.float64)
         if entry.sun is None:
-            sky = _environment(image, entry.name)
-            return cls(entry, environment, sky, np.ones(3), HandLight())
+            return cls(entry, environment, environment_of(image, entry.name), np.ones(3), HandLight())
         hand = HandLight().changed(azimuth_deg=entry.sun.azimuth_deg, height_deg=entry.sun.height_deg)
-        image, added = _without_sun(image, hand.direction)
-        bright = float(luminance(added))
-        sky = _environment(image, entry.name)
-        rest = float(luminance(_facing(image, hand.direction)))
+        sun = np.array(entry.sun.irradiance)
+        image = np.maximum(image - drawn_sun(hand.direction, sun), 0.0)
+        bright, rest = (float(luminance(each)) for each in (sun, facing(image, hand.direction)))
         hand = hand.changed(sun_share=bright / max(bright + rest, 1e-12))
-        return cls(entry, environment, sky, added / bright if bright > 0.0 else np.ones(3), hand)
+        sky = environment_of(image, entry.name)
+        return cls(entry, environment, sky, sun / bright if bright > 0.0 else np.ones(3), hand)
 
     def parts(self, hand: HandLight) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Factors (3,) on the sky, and the irradiance (3,) of the sun on a surface that faces it.
@@ -121,9 +112,9 @@ class SkyAndSun(NamedTuple):
         What faces the sun is as bright as in the offered light, but for the brightness that the hand asks for.
         """
         image = self.sky.radiance.reshape(-1, 3)
-        at_offered = float(luminance(_facing(image, self.hand.direction))) / (1.0 - self.hand.sun_share)
+        at_offered = float(luminance(facing(image, self.hand.direction))) / (1.0 - self.hand.sun_share)
         level = at_offered * 2.0**hand.brightness_ev
-        rest = max(float(luminance(_facing(image, hand.direction))), 1e-12)
+        rest = max(float(luminance(facing(image, hand.direction))), 1e-12)
         return (1.0 - hand.sun_share) * level / rest * hand.tint, hand.sun_share * level * self.color * hand.tint
 
     def coefficients(self, hand: HandLight, bands: int) -> NDArray[np.float64]:
@@ -134,12 +125,8 @@ class SkyAndSun(NamedTuple):
     def environment(self, hand: HandLight) -> Environment:
         """The whole light as an Environment in the unit of the captured colours, which needs no exposure."""
         factors, irradiance = self.parts(hand)
-        directions, _ = _texels()
-        image = self.sky.radiance.reshape(-1, 3) * factors
-        if irradiance.any():
-            lobe = np.exp(-0.5 * (_angles_deg(directions, hand.direction) / SUN_WIDTH_DEG) ** 2)
-            image = image + (lobe / _facing(lobe, hand.direction))[:, None] * irradiance
-        found = _environment(image, "set by hand")
+        image = self.sky.radiance.reshape(-1, 3) * factors + drawn_sun(hand.direction, irradiance)
+        found = environment_of(image, "set by hand")
         found.exposed = True
         return found
 
@@ -229,37 +216,3 @@ def sun_through(edge: Vector, caster: Vector) -> dict[str, float]:
     if not np.linalg.norm(way) > 0.0:
         raise InputError("the edge of a shadow and what casts it are one point: click two")
     return angles(way)
-
-
-def _environment(image: Floats, name: str) -> Environment:
-    return Environment(image.reshape(HEIGHT, WIDTH, 3).astype(np.float32), name)
-
-
-@cache
-def _texels() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Directions (D, 3) and solid angles (D,) of the image."""
-    directions = projections.texel_directions(HEIGHT, WIDTH).reshape(-1, 3)
-    return directions, np.repeat(projections.row_solid_angles(HEIGHT, WIDTH).ravel(), WIDTH)
-
-
-def _facing(image: Floats, direction: Vector) -> NDArray[np.float64]:
-    """Irradiance of a surface that faces a direction, of radiance (D,) or (D, 3) by texel."""
-    directions, areas = _texels()
-    return np.asarray((areas * np.maximum(directions @ direction, 0.0)) @ image)
-
-
-def _angles_deg(directions: Floats, middle: Vector) -> NDArray[np.float64]:
-    return np.asarray(np.degrees(np.arccos(np.clip(directions @ middle, -1.0, 1.0))))
-
-
-def _without_sun(image: NDArray[np.float64], direction: Vector) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """An image (D, 3) whose sun became sky like the ring around it, and the irradiance (3,) that is gone."""
-    directions, _ = _texels()
-    away = _angles_deg(directions, direction)
-    ring = (away >= AROUND_DEG[0]) & (away < AROUND_DEG[1]) & (directions[:, 1] > 0.0)
-    if not ring.any():
-        return image, np.zeros(3)
-    inside = away < AROUND_DEG[0]
-    left = image.copy()
-    left[inside] = np.minimum(image[inside], np.median(image[ring], axis=0))
-    return left, np.maximum(_facing(image - left, direction), 0.0)

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from captured_scenes import patchy, yard
 
-from relight import Environment, Relighter
+from relight import Relighter
 from relight.albedo.by_hand import RANGES, HandLight, HandScene, SkyAndSun, angles, keep, offered_in, sun_through
 from relight.albedo.captured import CapturedScene
 from relight.albedo.direct import direct_light
+from relight.albedo.offered import drawn_sun, environment_of, texels
 from relight.engine import appearance
 from relight.engine.by_hand import LightByHand, can_be_set
 from relight.light.captured_light import NAME, LikelyLight, LikelySun, choose, offer, read_lights
@@ -25,14 +26,14 @@ TRUE, WRONG = (200.0, 40.0), (290.0, 50.0)  # azimuth and height of the sun
 GROUND = 49 * 49  # the first vertices of the yard
 
 
-def sunny(azimuth, height, strength=5.0):
+def sunny(azimuth, height, strength=10.0):
     """A blue sky over dark ground, and a sun: (LikelyLight, Environment)."""
-    directions = texel_directions(64, 128)
-    image = np.where(directions[..., 1:2] > 0.0, [0.25, 0.3, 0.4], [0.08, 0.08, 0.07]).astype(np.float64)
-    lobe = np.exp(-0.5 * (np.degrees(np.arccos(np.clip(directions @ toward(azimuth, height), -1, 1))) / 5.0) ** 2)
-    image += strength / 0.0239 * lobe[..., None] * np.array([1.0, 0.9, 0.75]) / np.pi  # its solid angle is .0239
-    entry = LikelyLight(f"sun at {azimuth:g}", 0.5, LikelySun(azimuth, height, (1.0, 0.9, 0.75)), "")
-    return entry, Environment(image.astype(np.float32), "captured")
+    directions, _ = texels()
+    image = np.where(directions[:, 1:2] > 0.0, [0.25, 0.3, 0.4], [0.08, 0.08, 0.07]).astype(np.float64)
+    irradiance = tuple(strength / np.pi * factor for factor in (1.0, 0.9, 0.75))
+    image += drawn_sun(np.array(toward(azimuth, height)), np.array(irradiance))
+    entry = LikelyLight(f"sun at {azimuth:g}", 0.5, LikelySun(azimuth, height, irradiance), "")
+    return entry, environment_of(image, "captured")
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +66,7 @@ def test_the_true_sun_takes_the_shadows_out(captured, exact):
     moved = offered.hand.changed(azimuth_deg=TRUE[0], height_deg=TRUE[1])
     after = contrast(hands.albedo(offered, moved, exact))
     assert contrast(captured[0].colors_linear) > 0.5 and before > 0.3
-    assert after < (0.3 if exact else 0.4) * before
+    assert after < (0.3 if exact else 0.5) * before  # harmonics blur the edges of shadows
     away = offered.hand.changed(azimuth_deg=TRUE[0] + 15.0, height_deg=TRUE[1])
     assert contrast(hands.albedo(offered, away, exact)) > 1.5 * after
 
