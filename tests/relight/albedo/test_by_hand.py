@@ -68,7 +68,7 @@ def test_the_true_sun_takes_the_shadows_out(captured, exact):
     assert contrast(captured[0].colors_linear) > 0.5 and before > 0.3
     assert after < (0.3 if exact else 0.5) * before  # harmonics blur the edges of shadows
     away = offered.hand.changed(azimuth_deg=TRUE[0] + 15.0, height_deg=TRUE[1])
-    assert contrast(hands.albedo(offered, away, exact)) > 1.5 * after
+    assert contrast(hands.albedo(offered, away, exact)) > (1.5 if exact else 1.2) * after
 
 
 def test_an_offered_light_that_nobody_touches_stays_as_it_was(captured):
