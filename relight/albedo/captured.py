@@ -31,7 +31,8 @@ from .seen import SeenPoints
 from .skylight import LEAST_OPEN, seen_sky
 from .unseen import backs
 
-BANDS, RAYS, BOUNCE_RAYS = 8, 64, 32
+BANDS, RAYS = 8, 64
+BOUNCE_RAYS = RAYS // 2
 """Default settings of transfer and bounces; half the default rays of relight."""
 
 MIN_PLACES = 64
@@ -43,7 +44,8 @@ SATURATED = 0.99
 DARK = 0.002
 """Linear colour of little meaning: below the seventh step of an sRGB byte."""
 
-HEIGHT, WIDTH = 128, 256
+HEIGHT = 128
+WIDTH = 2 * HEIGHT
 """Rows and columns of the estimated light's image: texels of 1.4 degrees hold the narrowest sun."""
 
 

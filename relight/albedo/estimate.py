@@ -25,9 +25,6 @@ from .skylight import exposure_of, visible_part
 MIN_EVIDENCE = 0.5
 """Below it the prior, not the capture, decides where the light comes from, and it is not separated from the albedo."""
 
-SURER = 4.0
-"""Factor on the precision of natural light about a sky that a person names: half of its spread."""
-
 SUNLESS = ("overcast", "shade", "night")
 """Skies without a sun."""
 
@@ -118,4 +115,4 @@ def _prior(said: Said) -> NaturalLight:
     if said.sky is None or isinstance(said.sky, str):
         return natural_light(said.sky)
     image = said.sky.lookup(projections.texel_directions(HEIGHT, WIDTH).reshape(-1, 3)).reshape(HEIGHT, WIDTH, 3)
-    return NaturalLight(log_harmonics(image) @ np.linalg.inv(AXES).T, SURER * natural_light().precision)
+    return NaturalLight(log_harmonics(image) @ np.linalg.inv(AXES).T, natural_light().precision)

@@ -34,8 +34,7 @@ LEAST = 1e-9
 BRIGHTEST = 10.0
 """Log factor between lights that are told apart."""
 
-LUMA = luminance(np.eye(3))
-
+LUMA = AXES[0]
 
 SIDE = 0.2
 """Weight of a sky at the horizon beside that at the zenith: upright surfaces see it."""

@@ -22,7 +22,7 @@ from .natural import AXES, NaturalLight, log_radiance
 STEPS, LEAST_GAIN = 14, 0.1
 """Gauss-Newton steps at most, and gain in nats below which they end."""
 
-LARGEST_STEP = 1.5
+LARGEST_STEP = 1.0
 """Of log radiance: beyond it the linearisation is worthless."""
 
 DAMPING = 1e-3, 1e4
@@ -40,7 +40,7 @@ APART_DEG, SUNS = 15.0, 2
 HEIGHT, HEIGHT_COLOR = 3.0, 0.5
 """Spread of the log radiance that a sun adds at its middle, or a region of the sky, and of its colour."""
 
-MOSTLY = 0.6
+MOSTLY = 0.5
 """Part of a direction that was seen without a sun, where none stands."""
 
 CEILING_DB = 28.0

@@ -14,7 +14,7 @@ from ..transfer.neighbors import ranked_nodes
 from ..transfer.occluder import Occluder
 
 SAMPLES = 2500
-"""Places. Other numbers were not tried; the time of the fit is proportional to it."""
+"""Places that are tried. Other numbers were not; the time of the fit is proportional to it."""
 
 DIRECTIONS = 1024
 """Directions of the sky, shared by all sample points."""
@@ -24,9 +24,6 @@ MIN_VISIBLE = 0.15
 
 MAX_BEHIND = 0.3
 """Largest share of a point's hits on back faces; with more, the point is inside a body or under a floor."""
-
-SPARE = 1.2
-"""Factor of tried points per wanted point, since not all are usable."""
 
 NEIGHBORS = 8
 SPACINGS = (1, 4, 16)
@@ -126,12 +123,10 @@ def neighbor_pairs(positions: NDArray[np.float64]) -> tuple[NDArray[np.int64], N
 
 def take(occluder: Occluder, areas: Floats, usable: Mask, seed: int) -> Samples:
     """The Samples of a scene among its usable vertices, (V,) bool; there may be few, or none."""
-    count, directions = SAMPLES, fibonacci_sphere(DIRECTIONS)
-    tried = places(occluder, areas, usable, round(SPARE * count), seed)
+    directions = fibonacci_sphere(DIRECTIONS)
+    tried = places(occluder, areas, usable, SAMPLES, seed)
     sky, behind = sky_of(occluder, tried, directions)
     good = np.flatnonzero((sky.sum(axis=1) > MIN_VISIBLE) & (behind < MAX_BEHIND))
-    if len(good) > count:  # evenly along the curve
-        good = good[(np.arange(count) * len(good)) // count]
     vertices = tried[good]
     pairs, weights = neighbor_pairs(occluder.origins[vertices].astype(np.float64))
     return Samples(vertices, sky[good], directions, pairs, weights)

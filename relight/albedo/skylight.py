@@ -29,9 +29,8 @@ LEAST_SEEN = 0.1
 """Part of a direction that must have been seen unclipped for its radiance to count."""
 
 
-MOSTLY, LEAST_HEIGHT, LEAST_COMPARED = 0.5, 0.05, 0.03
-"""To read the exposure off a captured sky: the part of a texel that binds, the sine of its height above the horizon,
-where ground and trees show that no environment has, and steradians in all."""
+MOSTLY = 0.5
+"""Part of a texel that must bind for the exposure to be read off it."""
 
 
 class SkyParts(NamedTuple):
@@ -92,14 +91,14 @@ def visible_part(sky: CapturedSky) -> float:
 
 def exposure_of(sky: CapturedSky, environment: Environment) -> np.float32 | None:
     """Captured colour per radiance of a known Environment: the median over the pixels of a CapturedSky that bind,
-    weighted by the square of their height, since trees stand low; None where too few pixels bind."""
+    weighted by the square of their height, since trees stand low; None where no pixel binds."""
     height, width = sky.bound.shape[:2]
     directions = texel_directions(height, width)
     areas = np.repeat(row_solid_angles(height, width), width, axis=1)
-    binds = (sky.bound.min(axis=2) > MOSTLY) & (directions[..., 1] > LEAST_HEIGHT) & (sky.radiance.min(axis=2) > 0.0)
+    binds = (sky.bound.min(axis=2) > MOSTLY) & (directions[..., 1] > 0.0) & (sky.radiance.min(axis=2) > 0.0)
     shown = environment.lookup(directions[binds])
     lit = luminance(shown) > 0.0
-    if areas[binds][lit].sum() < LEAST_COMPARED:
+    if not lit.any():
         return None
     ratio = luminance(sky.radiance[binds][lit]) / luminance(shown[lit])
     return np.float32(weighted_quantile(ratio, areas[binds][lit] * directions[binds][lit, 1] ** 2))
