@@ -5,9 +5,6 @@ from splat2mesh.base.arrays import Radiance
 from ..light.environment import Environment
 from ..light.tonemap import auto_exposure
 
-OVER_BRIGHT = 1.25
-"""A third of a stop: by how much the bright end of a place in a new light may lie above that of its capture."""
-
 
 def level_of(brightness: float | None, light: Environment) -> float:
     """Captured units per unit of a light's radiance, for it to be as bright as that of the capture was.
@@ -23,9 +20,9 @@ def exposure_as_captured(
     light: Environment,
     exposure: float,  # of `auto_exposure`, which it is where no light of a capture is known
 ) -> float:
-    """Captured units per unit of a light, within a stop below what shows its bright end and little above: not much more
-    may burn out than did in the capture."""
+    """Captured units per unit of a light: as bright as the light of the capture, within a stop of what shows its bright
+    end as the capture showed its own."""
     if brightness is None or not light.mean_luminance > 0.0:
         return exposure
-    most = OVER_BRIGHT * exposure * max(1.0, 1.0 / auto_exposure(captured))
+    most = 2.0 * exposure * max(1.0, 1.0 / auto_exposure(captured))
     return float(min(max(level_of(brightness, light), exposure / 2.0), most))
