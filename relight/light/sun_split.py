@@ -49,15 +49,18 @@ class Rest(Environment):
     """An environment without its suns. Its image has them cut off. Its coefficients are those of the whole less those
     of the suns as points, so that both together are exact in any number of bands.
 
-    width: estimated relative error from patches that shine as points. variances: (S,) of those patches, mean square of
-    the distance from the sun over its light, rad^2.
+    width: estimated relative error from patches that shine as points, and error: in all. variances: (S,) of those
+    patches, mean square of the distance from the sun over its light, rad^2.
     """
 
-    def __init__(self, whole: Environment, image: Radiance, suns: Suns, width: float, variances: Floats) -> None:
-        """Make it of an unrotated Environment: the image (H, W, 3) of what stays, and the Suns removed."""
+    def __init__(
+        self, whole: Environment, image: Radiance, suns: tuple[Suns, Floats], width: float, error: float
+    ) -> None:
+        """Make it of an unrotated Environment: the image (H, W, 3) of what stays, and the Suns removed with the
+        variances of their patches."""
         super().__init__(image, whole.name)
         self.repaired = whole.repaired
-        self._whole, self._suns, self.width, self.variances = whole, suns, width, variances
+        self._whole, (self._suns, self.variances), self.width, self.error = whole, suns, width, error
 
     def sh(self, bands: int) -> NDArray[np.float64]:
         """Radiance coefficients (B^2, 3) float64 in the basis of `relight.sh.harmonics`, rotation included."""
@@ -97,19 +100,19 @@ def split(
 def _split(environment: Environment, bands: int, tolerance: float, limit: int) -> tuple[Environment, Suns]:
     """Rest (or the environment itself) and Suns of an unrotated environment."""
     image = _square_texels(environment.radiance)
-    coarse = _Coarse(image, bands)
+    coarse = environment.derived(("coarse", bands), lambda: _Coarse(image, bands))
     if coarse.contrast() <= tolerance:
         return environment, Suns.none()
-    cuts = list(_cuts(environment, image, coarse))
+    cuts = environment.derived(("cuts", bands), lambda: list(_cuts(environment, image, coarse)))
     if not cuts:
         return environment, Suns.none()
     (missed, _, error), cut, label = _cheapest(cuts, bands, coarse.scale, tolerance, limit)
     if missed:
         (_, _, error), cut, label = _cheapest(cuts, bands, coarse.scale, error * ENOUGH, limit)
-    (suns, variances), rest = _suns(cut.spots, label), image.copy()
+    suns, rest = _suns(cut.spots, label), image.copy()
     rest[cut.row, cut.column] *= cut.stays[:, None].astype(np.float32)
     width = math.sqrt(max(error**2 - cut.contrast**2, 0.0))
-    return Rest(environment, rest, suns, width, variances), suns
+    return Rest(environment, rest, suns, width, error), suns[0]
 
 
 class _Cut(NamedTuple):

@@ -11,10 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Floats, Mask, Radiance
-from splat2mesh.scene.color import luminance
 
 from ..light.environment import Environment
-from ..light.sun_split import LEVELS
 from ..light.suns import Suns
 from ..sh.harmonics import MAX_BANDS
 from . import cells
@@ -54,12 +52,11 @@ class EffectErrors:
         self._directions = len(sample.directions)
         self._basis = cells.basis(self._directions)
         self._project = self._basis.T * (4.0 * np.pi / self._directions)
-        self._cells = cells.cells_of(environment.radiance)
-        self._light = cells.turned(self._cells, self._directions)
+        self._light = cells.turned(cells.cells_of(environment.radiance), self._directions)
         self._full = self._through(sample.seen, self._light)
         self.seen_transfer = sample.seen.astype(np.float64) @ self._basis
         self._closer: Floats | None = None
-        self._known: dict[Any, Any] = {}  # what is derived from all light, from each level of it, from each image
+        self._known: dict[Any, Any] = {}  # what is derived from all light, and from each image
         self.bounced: Bounced | None = None
         if bouncing:
             assert albedo is not None  # white surfaces are given as such
@@ -96,22 +93,21 @@ class EffectErrors:
         skipped[sizes == 0] = skipped[sizes > 0].all()
         return skipped
 
-    def truncation(self, bands: int, level: int | None = None, image: Radiance | None = None) -> float:
-        """Error of keeping only so many bands: of all the light, of the rest below LEVELS[level], or of an `image` of
-        the rest."""
-        return self._truncations(level, image)[bands - 1]
+    def truncation(self, bands: int, image: Radiance | None = None) -> float:
+        """Error of keeping only so many bands: of all the light, or of an `image` of the rest beside suns."""
+        return self._rest(image)[2][bands - 1]
 
-    def open_truncation(self, bands: int, level: int | None = None, image: Radiance | None = None) -> float:
+    def open_truncation(self, bands: int, image: Radiance | None = None) -> float:
         """Like `truncation`, on a scene without shadows."""
-        key = "open", level if image is None else id(image)
+        key = "open", id(image)
         if key not in self._known:
-            light, coefficients = self._rest(level, image)[:2]
+            light, coefficients = self._rest(image)[:2]
             self._known[key] = self._losses(self._through(self.sample.open, light), self._open_transfer, coefficients)
         return self._known[key][bands - 1]
 
-    def ray_noise(self, deviation: float, bands: int, level: int | None = None, image: Radiance | None = None) -> float:
+    def ray_noise(self, deviation: float, bands: int, image: Radiance | None = None) -> float:
         """Error of radiance when every coefficient of a half hidden vertex is off by `deviation`."""
-        return float(deviation * self._rest(level, image)[3][bands - 1])
+        return float(deviation * self._rest(image)[3][bands - 1])
 
     @cached_property
     def bounces(self) -> NDArray[np.float64]:
@@ -132,15 +128,13 @@ class EffectErrors:
         light = self._full * (1.0 - self.sample.solid)[:, None, None]
         return float((self._norm(light) / self.total).max())
 
-    def check(
-        self, transfer: Floats, traced: Mask | None = None, level: int | None = None, image: Radiance | None = None
-    ) -> float:
+    def check(self, transfer: Floats, traced: Mask | None = None, image: Radiance | None = None) -> float:
         """Error of a transfer (S, K) of the sample's rows, in its own bands, over the rows that are `traced`, (S,)."""
         known = self.seen_transfer if self._closer is None else self._closer
         off = transfer.astype(np.float64) - known[:, : transfer.shape[1]]
         if traced is not None:
             off[~traced] = 0.0
-        radiance = np.tensordot(off, self.coefficients(level, image)[: transfer.shape[1]], axes=(1, 0))
+        radiance = np.tensordot(off, self.coefficients(image)[: transfer.shape[1]], axes=(1, 0))
         return float((self._norm(radiance) / self.total).max())
 
     def sun_width(self, suns: Suns, variances: Floats) -> float:
@@ -166,9 +160,9 @@ class EffectErrors:
         self._closer = finer.seen.astype(np.float64) @ cells.basis(len(finer.directions))
         return True
 
-    def coefficients(self, level: int | None = None, image: Radiance | None = None) -> NDArray[np.float64]:
+    def coefficients(self, image: Radiance | None = None) -> NDArray[np.float64]:
         """Coefficients of the light, or of its rest, in all rotations and bands: (K, TURNS, 3)."""
-        return self._rest(level, image)[1]
+        return self._rest(image)[1]
 
     @cached_property
     def _open_transfer(self) -> NDArray[np.float64]:
@@ -183,17 +177,13 @@ class EffectErrors:
             return UNSEEN_AMBIENCE
         return max(1.0, float((self._norm(self._through(hidden, self._light)) / self.total).max()) / even)
 
-    def _truncations(self, level: int | None, image: Radiance | None) -> list[float]:
-        """[error of keeping 1, 2, .. bands]."""
-        return self._rest(level, image)[2]
-
     def _rest(
-        self, level: int | None, image: Radiance | None
+        self, image: Radiance | None
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], list[float], NDArray[np.float64]]:
-        """Radiance, coefficients, truncations, sensitivity: of all light, of the rest below a level, or of an image."""
-        key = level if image is None else id(image)
+        """Radiance, coefficients, truncations, sensitivity: of all light, or of an image."""
+        key = id(image)
         if key not in self._known:
-            light = self._light if level is None and image is None else self._cut(level, image)
+            light = self._light if image is None else cells.turned(cells.cells_of(image), self._directions)
             coefficients = np.tensordot(self._project, light, axes=(1, 0))
             errors = self._losses(self._through(self.sample.seen, light), self.seen_transfer, coefficients)
             self._known[key] = light, coefficients, errors, self._sensitivity(coefficients)
@@ -215,15 +205,6 @@ class EffectErrors:
             off = off - np.tensordot(transfer[:, band], coefficients[band], axes=(1, 0))
             errors.append(float((self._norm(off) / self.total).max()))
         return errors
-
-    def _cut(self, level: int | None, image: Radiance | None) -> NDArray[np.float64]:
-        if image is not None:
-            return cells.turned(cells.cells_of(image), self._directions)
-        assert level is not None  # else there is nothing to cut
-        brightness = luminance(self._cells)
-        limit = LEVELS[level] * brightness.mean()
-        kept = np.minimum(1.0, limit / np.maximum(brightness, 1e-30))
-        return cells.turned(self._cells * kept[..., None], self._directions)
 
     def _through(self, cosines: Floats, light: Floats) -> NDArray[np.float32]:
         """Exit radiance (S, TURNS, 3) of white vertices."""

@@ -29,8 +29,8 @@ UNMENDED = 0.85
 """Part of the tolerance beyond which what rays cannot mend ends their doubling, once it is more than their noise: many
 times as many would hardly help."""
 
-CHECKED = "rays and bounces"
-"""What is checked after the work. Plans that earlier versions kept, of rays alone, are made anew."""
+CHECKED = "rays and bounces, suns for all bands"
+"""What is checked after the work, and for what suns are found. Plans that earlier versions kept are made anew."""
 
 
 class Planner:

@@ -35,7 +35,7 @@ def width_error(
     """
     if not len(suns):
         return 0.0
-    step = min(QUARTERS, 1 + len(suns) // FEW)
+    step = min(QUARTERS, 1 + len(suns) // FEW, len(sample.rows))
     tint = np.broadcast_to(np.asarray(tint, np.float64), (len(sample.rows), 3))
     worst = 0.0
     for quarter in range(QUARTERS):

@@ -181,13 +181,15 @@ class Places:
         self.far = np.zeros(count, np.float32)
         tree, nearest = scipy.spatial.cKDTree(surface.points), min(NEAREST, len(surface.points))
 
-        touching = surface.caster.closest(splats.means)
+        order = splats.spatial_order()  # neighbours ask for the same part of the mesh
+        touching = surface.caster.closest(splats.means[order])
 
-        def ask(rows: slice) -> None:
+        def ask(part: slice) -> None:
+            rows = order[part]
             means = splats.means[rows]
-            corners = surface.faces[touching.faces[rows]]
-            shares = corner_weights(np.clip(touching.uv[rows], 0.0, 1.0))
-            touched = np.linalg.norm(touching.points[rows] - means, axis=1)
+            corners = surface.faces[touching.faces[part]]
+            shares = corner_weights(np.clip(touching.uv[part], 0.0, 1.0))
+            touched = np.linalg.norm(touching.points[part] - means, axis=1)
             distance, index = tree.query(means, nearest)
             distance, index = distance.reshape(len(means), -1), index.reshape(len(means), -1)
             axis, flat = shortest_axes(splats.take(rows))

@@ -30,19 +30,20 @@ def _checked(kept: Mapping[str, NDArray[Any]], bands: int) -> Mapping[str, NDArr
 def split_light(environment: Environment, settings: Settings, cache: Cache) -> tuple[NDArray[np.float32], Suns]:
     """(coefficients, suns) of an environment as turned: (K, 3) float32 for a transfer of `settings.bands`, and Suns.
 
-    Suns take a tenth of a second to find; so they are kept with the environment, and in the Cache for the next run.
+    Suns are those for all bands, whatever the transfer has. They take a tenth of a second to find; so they are kept
+    with the environment, and in the Cache for the next run.
     """
     bands, tolerance = settings.bands, settings.sun_tolerance
 
     def found() -> tuple[NDArray[np.float64], Suns]:
         name = image_key(environment), bands, f"{tolerance:g}"
-        kept = cache.restored(lambda arrays: _checked(arrays, bands), "light", *name)
+        kept = cache.restored(lambda arrays: _checked(arrays, bands), "suns", *name)
         if kept is None:
             whole = environment.rotated(-environment.rotation_deg)
-            rest, suns = split(whole, bands, tolerance) if tolerance else (whole, Suns.none())
+            rest, suns = split(whole, tolerance=tolerance) if tolerance else (whole, Suns.none())
             kept = {"coefficients": rest.sh(bands), "directions": suns.directions, "weights": suns.weights}
             if tolerance:
-                cache.put("light", *name, **kept)
+                cache.put("suns", *name, **kept)
         return kept["coefficients"], Suns(kept["directions"], kept["weights"])
 
     coefficients, suns = environment.derived(("light", bands, tolerance), found)

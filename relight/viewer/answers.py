@@ -62,7 +62,7 @@ class Answers:
     def called_for(self) -> frozenset[str]:
         """The effects that the plan calls for at this tolerance; all while it is unknown."""
         key, lit = self._found.get("shading", (None, None))
-        return lit.effects if lit is not None and key[:3] == keys(self.wish)["shading"][:3] else self.available
+        return lit.effects if lit is not None and key[:4] == keys(self.wish)["shading"][:4] else self.available
 
     @property
     def missing(self) -> str:

@@ -166,6 +166,8 @@ CONTROLS = (
     Control("e", "next light", _next("environment", 1), lambda s: s.state.environment, "choices"),
     Control("w", "previous light", _next("environment", -1)),
     Control("a", "next albedo", _next("albedo", 1), lambda s: f"albedo {s.state.albedo}", "choices"),
+    Control("m", "next method: as planned, the network, no shadows", _next("method", 1),
+            lambda s: s.state.method, "choices", there=lambda session: len(session.choices["method"]) > 1),
     Control("b", "before and after: capture left of the line", _toggle("split"), lambda s: "split", "both",
             lambda s: s.state.split),
     Control("k", "sky behind the scene on, off", _toggle("sky"), lambda s: "sky", "choices", lambda s: s.state.sky),

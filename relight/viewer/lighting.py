@@ -7,7 +7,7 @@ results. It knows nothing of windows.
 
 import time
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -25,6 +25,7 @@ from ..light.environment import Environment
 from ..light.pooling import pooled
 from ..live.response import SPREAD_BANDS
 from ..options import LightingOptions
+from ..planning.choice import SAFETY
 from ..sh import harmonics
 from ..transfer.analytic import analytic
 from ..transfer.checks import checked_albedo
@@ -74,6 +75,7 @@ class LightWish(NamedTuple):
     tolerance: float
     effects: frozenset
     albedo: str
+    method: str = "auto"
 
 
 class SessionLight(NamedTuple):
@@ -92,7 +94,8 @@ class FinishedShading(NamedTuple):
     """A finished shading. radiance: (V, 3) float32. sun_count, bounces: as of `Shading`. settings: in words.
 
     effects: those in the plan. predicted: its error, or None without a plan. seconds: time of the shading, without the
-    work that is done once per scene.
+    work that is done once per scene. curve: (seconds, tolerance), what tolerances cost, from quick to exact; planned:
+    the seconds of this one.
     """
 
     radiance: np.ndarray
@@ -102,6 +105,8 @@ class FinishedShading(NamedTuple):
     effects: frozenset
     predicted: float | None
     seconds: float
+    curve: Sequence[tuple[float, float]] = ()
+    planned: float = 0.0
 
 
 class SessionScene(NamedTuple):
@@ -130,7 +135,7 @@ class SessionLighting:
         self.scene, self.stages = scene, stages
         self.step: tuple[str, Any] | None = None
         self._options = options
-        self._relighters: dict[float, Relighter] = {}
+        self._relighters: dict[tuple[str, float], Relighter] = {}
         self._relighter = Relighter(scene, self._options, stages=stages, cache=cache)
         self._foliage = self._relighter.precomputed.foliage
         self._loaded: tuple[str, Environment] | None = None
@@ -169,9 +174,8 @@ class SessionLighting:
     def _transfer(self, wish: LightWish) -> NDArray | None:
         relighter, plan = self._planned(wish)
         if plan is None:
-            if relighter.method == "blinn-phong":
-                return None
-            return relighter.transfer
+            self._transfer_sent = None
+            return None if relighter.method == "blinn-phong" else relighter.transfer
         transfer, done = relighter.precomputed.transfer(plan.settings)
         if done[:4] == self._transfer_sent:
             return None
@@ -188,7 +192,9 @@ class SessionLighting:
         seconds = time.perf_counter() - start
         predicted = None if plan is None else plan.error
         words = str(shading.settings)
-        return FinishedShading(*shading[:3], words, whole.settings.effects, predicted, seconds)
+        curve = [] if plan is None else [(row[0], row[1] / (SAFETY if plan.rays else 1.0)) for row in plan.curve]
+        planned = 0.0 if plan is None else plan.seconds
+        return FinishedShading(*shading[:3], words, whole.settings.effects, predicted, seconds, curve, planned)
 
     def _bounced(self, wish: LightWish) -> NDArray | None:
         albedo, (relighter, plan) = self.albedos[wish.albedo], self._planned(wish)
@@ -234,13 +240,14 @@ class SessionLighting:
 
         All relighters share their traced results.
         """
-        if wish.tolerance not in self._relighters:
+        way = wish.method, wish.tolerance
+        if way not in self._relighters:
             while len(self._relighters) >= MOST_RELIGHTERS:
                 self._relighters.pop(next(iter(self._relighters)))
-            options = replace(self._options, tolerance=wish.tolerance)
+            options = replace(self._options, method=wish.method, tolerance=wish.tolerance)
             shared = self._relighter.precomputed
-            self._relighters[wish.tolerance] = Relighter(self.scene, options, stages=self.stages, precomputed=shared)
-        relighter = self._relighters[wish.tolerance]
+            self._relighters[way] = Relighter(self.scene, options, stages=self.stages, precomputed=shared)
+        relighter = self._relighters[way]
         return relighter, relighter.plan_for(self._environment(wish), self.albedos[wish.albedo])
 
     def _environment(self, wish: LightWish) -> Environment:
@@ -255,7 +262,7 @@ class SessionLighting:
 
 def keys(wish: LightWish) -> dict[str, Any]:
     """The dependencies of each kind of result: a dict in the order of `SessionLighting.answers`."""
-    plan = wish.environment, wish.tolerance, wish.albedo
+    plan = wish.environment, wish.tolerance, wish.albedo, wish.method
     lit = (*plan, wish.angle_deg, wish.effects)
     return {
         "unshadowed": True,

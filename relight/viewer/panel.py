@@ -29,6 +29,9 @@ TOP = 48
 BOTTOM = 2 * TOP
 """Heights of the two bars."""
 
+CURVE = 200, 80
+"""Width and height of the curve of a plan."""
+
 _GAP = MARGIN // 2
 _HELP_WIDTH, _HELP_ROW = 720, 21
 _CHIP_ROOM = 180  # for the text of a button: a long name must not push others out of the window
@@ -136,6 +139,7 @@ class Panel:
         width, _ = units
         self._canvas.rectangle(0, 0, width, BOTTOM, BAR)
         hand = session.state.by_hand
+        self._curve(session, width - MARGIN - CURVE[0], BOTTOM + 60)
         sliders = [slider for slider in SLIDERS if slider.there(session) and slider.of_hand == hand]
         each = (width - 2 * MARGIN - 2 * (len(sliders) - 1) * _GAP) / len(sliders)
         for index, slider in enumerate(sliders):
@@ -189,6 +193,33 @@ class Panel:
             return float(back(to(low) + place * (to(high) - to(low))))
 
         self._hot((left - 4, base - 6, width + 8, 36), slider.field, value_at)
+
+    def _curve(self, session: "Session", left: float, base: float) -> None:
+        """What tolerances cost on this scene under this light: seconds upwards, both logarithmic; a click takes one."""
+        state, newest, (low, high) = session.state, session.answers.newest("shading"), RANGES["tolerance"]
+        if newest is None or state.mode != "relit" or state.by_hand or state.help:
+            return
+        lit: FinishedShading = newest[1]
+        points = [point for point in lit.curve if low <= point[1] <= high]
+        if len(points) < 2:
+            return
+        width, height = CURVE
+        self._canvas.rectangle(left, base, width, height, BAR)
+        self._canvas.text(left + 8, base + height - 18, f"planned {lit.planned:.2g} s", DIM)
+        spread = np.log(points[-1][0] / points[0][0])
+        for seconds, tolerance, size, color in (
+            *((*point, 3, HANDLE) for point in points),
+            (lit.planned, newest[0][1], 7, ON),
+        ):
+            x = left + 8 + (width - 16) * np.log(tolerance / low) / np.log(high / low)
+            y = base + 8 + (height - 36) * np.clip(np.log(seconds / points[0][0]) / spread, 0.0, 1.0)
+            self._canvas.rectangle(x - size / 2, y - size / 2, size, size, color)
+        scale = self._canvas.scale
+
+        def tolerance_at(x: float, y: float) -> float:
+            return float(low * (high / low) ** np.clip((x / scale - left - 8) / (width - 16), 0.0, 1.0))
+
+        self._hot((left, base, width, height), "tolerance", tolerance_at)
 
     def _chip(self, session: "Session", control: Control, place: float, base: float, from_right: bool = False) -> float:
         """A button; returns its width."""

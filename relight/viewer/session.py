@@ -33,7 +33,7 @@ from .quick import harmonic_light, prepare
 from .request import SessionRequest
 from .sources import ObjectsUnder
 from .splats import RelitSplats
-from .state import MODES, State, check_field, choices_of, first_state
+from .state import MODES, State, check_field, choices_of, first_state, methods_of
 from .worker import ProcessWorker
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ class Session:
     """One scene, a list of lights, and the user's settings.
 
     state: the present State; `change` and `reset` alter it. start: the one that `reset` returns to.
-    choices: names to choose from, of "environment", "albedo" and "mode". answers: the Answers of the worker.
+    choices: names to choose from, of "environment", "albedo", "mode" and "method". answers: the Answers of the worker.
     lamps, bench: the LampBoard and the LampBench; None in a session whose lamps cannot be changed, which
     `relight SCENE --view` opens. objects: the ObjectBench. hand: the HandBench of the captured light. parts: the
     PartBench. splats: the RelitSplats. All are None where there are none. timeline: undoes changes of all of them.
@@ -67,6 +67,7 @@ class Session:
         captured = {"captured": scene.colors_linear, "white": None}
         self.albedos = check_albedos(scene, captured if asked.albedos is None else asked.albedos)
         self.choices = {"environment": list(self.environments), "albedo": list(self.albedos), "mode": list(MODES)}
+        self.choices["method"] = methods_of(asked.lighting)
         self.start = self.state = first_state(asked.lighting, self.environments, self.albedos)
         self._room_lamps, self._lamps_known = dict(asked.lamps or {}), bool(asked.lamps) and asked.lamps_known
         self.timeline, self._mixture, source = Timeline(self._edited), asked.mixture, asked.lamp_source
@@ -187,7 +188,7 @@ class Session:
     def _wish(self, on: frozenset[str]) -> LightWish:
         """What the present state needs from the worker, with these effects: sun and bounces only with shadows."""
         s, effects = self.state, on if SHADOWS in on else frozenset()
-        return LightWish(s.environment, s.angle_deg, s.tolerance, effects, s.albedo)
+        return LightWish(s.environment, s.angle_deg, s.tolerance, effects, s.albedo, s.method)
 
     @property
     def effects(self) -> frozenset[str]:

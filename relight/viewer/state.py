@@ -44,12 +44,12 @@ START_TOLERANCE = 0.02
 class State:
     """All settings of the user except the camera.
 
-    environment, albedo, mode: names. angle_deg: of the light, in [0, 360). exposure_ev: stops over the session's own
-    exposure. effects: those switched on. split: the captured colours show left of a line at `split_at`, 0..1 over the
-    width. sky: the light shows behind the scene. turning: the light turns by itself. mesh: the mesh shows where there
-    is a splat. lamps: factor on the light of captured lamps. placing: clicks put lamps in. arranging:
-    drags move objects. by_hand: the captured light is being set, and the surface shows its albedo. parting: clicks make
-    a part of the capture, which the surface shows.
+    environment, albedo, mode, method: names. angle_deg: of the light, in [0, 360). exposure_ev: stops over the
+    session's own exposure. effects: those switched on. split: the captured colours show left of a line at `split_at`,
+    0..1 over the width. sky: the light shows behind the scene. turning: the light turns by itself. mesh: the mesh
+    shows where there is a splat. lamps: factor on the light of captured lamps. placing: clicks put lamps in.
+    arranging: drags move objects. by_hand: the captured light is being set, and the surface shows its albedo.
+    parting: clicks make a part of the capture, which the surface shows.
     """
 
     environment: str
@@ -71,6 +71,7 @@ class State:
     arranging: bool = False
     by_hand: bool = False
     parting: bool = False
+    method: str = "auto"
 
     @property
     def parts(self) -> bool:
@@ -88,7 +89,14 @@ def first_state(
         raise InputError(f"the `tolerance` of a session must be from {low:g} to {high:g}, found {tolerance:g}")
     first, albedo = next(iter(environments)), next(iter(albedos))
     angle = getattr(environments[first], "rotation_deg", 0.0)
-    return State(first, albedo, angle_deg=angle, tolerance=tolerance, effects=frozenset(options.chosen_effects))
+    effects = frozenset(options.chosen_effects)
+    return State(first, albedo, angle_deg=angle, tolerance=tolerance, effects=effects, method=options.method)
+
+
+def methods_of(options: LightingOptions) -> list[str]:
+    """The methods that a session can choose from, where neither a method nor effects are given."""
+    free = options.method == "auto" and options.fixed_effects is None
+    return ["auto", "neural-gash", "analytic"] if free else [options.method]
 
 
 def check_field(name: str, value: Any, choices: Mapping[str, Sequence[str]]) -> Any:

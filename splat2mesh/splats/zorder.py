@@ -16,6 +16,8 @@ def rows_along_curve(points: NDArray[np.float32]) -> NDArray[np.int64]:
     points: (N, 3) float32, finite. Those beyond the first and last percent of an axis count as lying at its ends.
     Returns (N,) int64: their rows; those of one cell, a thousandth of the extent, stay in their order.
     """
+    if not len(points):
+        return np.zeros(0, np.int64)
     low, high = np.percentile(points[:: 1 + len(points) // 65536], [1, 99], axis=0).astype(np.float32)
     cells = (points - low) / max(float((high - low).max()), float(np.finfo(np.float32).tiny)) * 1023
     x, y, z = bits_apart(np.clip(cells, 0, 1023).astype(np.uint64)).T

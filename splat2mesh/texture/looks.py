@@ -17,6 +17,7 @@ from ..views.viewpoints import bounds_of, virtual_views
 def looks_of(scene: Scene, splats: Splats, seed: int = 0) -> list[Look]:
     """Each Look from which `convert` would colour a Scene: around an object, or from the eyes of a place. splats: clean
     Splats of the scene, in their own frame. Cameras of the capture are not known any more."""
+    splats = splats.in_spatial_order()
     effort, far = EFFORTS["normal"], far_background(splats)
     foreground, back = splats.take(np.flatnonzero(~far)), np.linalg.inv(np.asarray(scene.scene_from_splat, np.float64))
     up = back[:3, 1] / np.linalg.norm(back[:3, 1])

@@ -52,7 +52,7 @@ def test_a_scene_at_rest_is_to_the_bit_a_moving_one_of_one_body(scene, precomput
 
 def test_it_is_the_product_of_transfer_and_rest_and_the_suns(precomputed):
     noon = Environment.load("noon")
-    rest, suns = split(noon, 4, 0.01)
+    rest, suns = split(noon, tolerance=0.01)
     transfer = precomputed.transfer(SUNLIT)[0][:, :16].astype(np.float64)
     expected = np.maximum(transfer @ rest.sh(4) + sunlight(precomputed.occluder, slice(None), suns), 0.0)
     found, count, _ = lit(StaticGeometry(precomputed, Stages())).shade(noon, SUNLIT)

@@ -10,32 +10,35 @@ from plan_scenes import corner, sphere
 
 from relight import Environment, LightingOptions, Relighter
 from relight.light.sun_split import ENOUGH
-from relight.planning.choice import Candidate, Choice
+from relight.planning.choice import SAFETY, Candidate, best_of, curve_of
 from relight.transfer.settings import Settings
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene
 
 
-def chosen_from(rows, target=1.0, budget_s=None):
-    """A Choice among rows of (seconds, error), each with as many bands as its place in the list."""
-    choice = Choice.__new__(Choice)
-    choice._candidates = [Candidate(*row, Settings("analytic", bands)) for bands, row in enumerate(rows)]
-    choice._target, choice._splits = target, {}
-    choice._until = None if budget_s is None else time.perf_counter() + budget_s
-    return choice
+def candidates(rows):
+    """Rows of (seconds, error), each with as many bands as its place in the list."""
+    return [Candidate(*row, Settings("analytic", bands)) for bands, row in enumerate(rows)]
 
 
 @pytest.mark.parametrize(
     "rows,best",
     [
         ([(3.0, 0.1), (1.0, 0.9), (2.0, 0.2)], 1),  # the quickest of those within the target
-        ([(0.5, 1.1), (2.0, 1.0)], 1),  # too far off, however quick
+        ([(0.5, 1.2), (2.0, 1.0)], 1),  # too far off, however quick
         ([(2.0, 0.5), (1.0, 0.5), (1.0, 0.4), (1.0, 0.4)], 2),  # the more exact of two as quick; the first of equals
         ([(1.0, 2.01 * ENOUGH), (5.0, 2.0), (3.0, 1.99 * ENOUGH)], 2),  # none within: quick, and near the least
     ],
 )
 def test_a_tolerance_takes_the_quickest(rows, best):
-    assert chosen_from(rows).best().settings.bands == best
+    assert best_of(candidates(rows), 1.0 / SAFETY).settings.bands == best
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_looser_tolerance_takes_no_more_time_whatever_the_candidates(seed):
+    rows = candidates(np.random.default_rng(seed).lognormal(size=(30, 2)))
+    chosen = [best_of(rows, tolerance).seconds for tolerance in np.geomspace(0.01, 10.0, 100)]
+    assert (np.diff(chosen) <= 0.0).all()
 
 
 @pytest.mark.parametrize(
@@ -47,12 +50,12 @@ def test_a_tolerance_takes_the_quickest(rows, best):
     ],
 )
 def test_a_budget_takes_the_most_exact(rows, best):
-    assert chosen_from(rows, budget_s=2.5).best().settings.bands == best
+    assert best_of(candidates(rows), 1.0, time.perf_counter() + 2.5).settings.bands == best
 
 
 def test_a_curve_leaves_out_what_a_quicker_one_nearly_equals():
     rows = [(4.0, 0.2), (1.0, 1.0), (2.0, 0.98), (3.0, 0.96), (5.0, 0.5)]
-    curve = chosen_from(rows).curve()
+    curve = curve_of(candidates(rows))
     assert [type(step) for step in curve] == 3 * [tuple]
     assert curve == [(1.0, 1.0, Settings("analytic", 1)), (3.0, 0.96, Settings("analytic", 3)), (4.0, 0.2, curve[2][2])]
 

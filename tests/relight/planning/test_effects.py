@@ -107,7 +107,7 @@ def test_shading_is_the_sum_of_its_parts(scene, albedo, effects, name):
 
     everything = Occluder(scene.vertices, scene.normals, scene.faces)
     transfer = raytraced_scene(everything, 6, 64, 3)
-    rest, suns = split(light, 6) if "sun" in chosen else (light, ())
+    rest, suns = split(light) if "sun" in chosen else (light, ())
     direct = transfer.astype(np.float64) @ rest.sh(6)
     if len(suns):
         direct = direct + sunlight(everything, slice(None), suns)

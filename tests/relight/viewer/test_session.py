@@ -347,6 +347,23 @@ def test_only_work_that_a_newer_wish_makes_pointless_ends_early(scene):
     assert unchanged == {"light", "unshadowed"}
 
 
+def test_a_method_lights_the_scene_and_the_plan_comes_back(scene):
+    session = session_of(scene)
+    session.finish()
+    planned = session.answers.lit.radiance
+    for method in ("neural-gash", "analytic"):
+        session.change(method=method)
+        session.finish()
+        assert session.answers.lit.settings.startswith(method)
+        assert np.abs(session.quick_radiance() - planned).max() > 0.01
+    session.change(method="auto")
+    session.finish()
+    np.testing.assert_array_equal(session.answers.lit.radiance, planned)
+    with pytest.raises(InputError, match="expected one of auto, neural-gash, analytic"):
+        session.change(method="blinn-phong")
+    assert session_of(scene, method="raytraced").choices["method"] == ["raytraced"]
+
+
 # Controls and camera
 
 

@@ -65,7 +65,7 @@ def test_every_control_changes_the_pixels_it_should_and_no_others(window):
     band = np.abs(np.arange(SIZE[0])[None, :] - SIZE[0] * 0.525) < SIZE[0] * 0.025 - 6
     everything, nothing = np.ones_like(surface), np.zeros_like(surface)
     expected = {  # what changes, of the picture without the panel; the rest of surface and sky keeps every bit
-        **{key: surface for key in "suoa"},
+        **{key: surface for key in "suoam"},
         **{key: everything for key in ("Left", "Right", "Up", "Down", "e", "w", "2", "3")},
         "1": nothing,
         "b": surface & left,
@@ -334,6 +334,18 @@ def test_the_panel_shows_error_times_and_what_is_missing(window):
     window.session.change(angle_deg=40.0)
     window.picture()
     assert any("on the way" in text for text, *_ in window.panel.boxes)
+
+
+def test_the_curve_says_what_tolerances_cost_and_a_click_takes_one(window):
+    window.session.finish()
+    window.picture()
+    lit = window.session.answers.lit
+    assert len(lit.curve) > 1 and f"planned {lit.planned:.2g} s" in {text for text, *_ in window.panel.boxes}
+    slider, curve = (hot.box for hot in window.panel.hot if hot.name == "tolerance")
+    assert slider[1] < curve[1]
+    press = curve[0] + 0.97 * curve[2], curve[1] + curve[3] / 2
+    mouse(window, ("LeftButtonPress", *press), ("LeftButtonRelease", *press))
+    assert window.session.state.tolerance == pytest.approx(0.1, rel=0.1)
 
 
 # Endurance

@@ -22,3 +22,7 @@ def test_the_corners_of_a_cube_are_gone_through_with_z_fastest():
 
 def test_points_of_one_cell_stay_in_their_order():
     assert rows_along_curve(np.zeros((5, 3), np.float32)).tolist() == [0, 1, 2, 3, 4]
+
+
+def test_no_points_have_an_order_too():
+    assert rows_along_curve(np.zeros((0, 3), np.float32)).shape == (0,)
