@@ -13,8 +13,9 @@ from ..transfer.facing import met_in_front
 from ..transfer.neighbors import ranked_nodes
 from ..transfer.occluder import Occluder
 
-SAMPLES = 2500
-"""Places that are tried. Other numbers were not; the time of the fit is proportional to it."""
+SAMPLES = 5000
+"""Places that are tried. With half as many, log light on the trained patio and ceramics is off by .17 and .44 in the mean
+of several draws, for .155 and .37; on spot and tabletop by no more."""
 
 DIRECTIONS = 1024
 """Directions of the sky, shared by all sample points."""
