@@ -84,8 +84,8 @@ class Plane(NamedTuple):
 
 
 class Evened(NamedTuple):
-    """Normals (V, 3) float32 for light. shares: (V,) in [0, 1], how much of each is that of a plane. area: share of what
-    is seen that lies on planes, as patches have it. planes: the largest first, about."""
+    """Normals (V, 3) float32 for light. shares: (V,) in [0, 1], how much of each is that of a plane. area: share of the
+    area of patches that lies on planes. planes: the largest first, about."""
 
     normals: NDArray[np.float32]
     shares: Floats
