@@ -105,12 +105,15 @@ def _border_edges(faces: Faces, count: int) -> tuple[Faces, Faces]:
 def trim_borders(faces: Faces, seen: Mask) -> Faces:
     """Faces (F', 3) without the ragged flaps at open borders: what hangs there and no view sees, (V,) bool, goes. It
     goes face by face from the border inwards, up to the first vertex that was seen; inner vertices always stay."""
-    while len(faces):
+    kept = np.ones(len(faces), bool)
+    rows = np.flatnonzero(~seen[faces].all(axis=1))  # borders elsewhere are seen
+    while len(rows):
         loose = np.zeros(len(seen), bool)
-        loose[_border_edges(faces, len(seen))[0]] = True
+        loose[_border_edges(faces[rows], len(seen))[0]] = True
         loose &= ~seen
-        hanging = loose[faces].any(axis=1)
+        hanging = loose[faces[rows]].any(axis=1)
         if not hanging.any():
             break
-        faces = faces[~hanging]
-    return faces
+        kept[rows[hanging]] = False
+        rows = rows[~hanging]
+    return faces[kept]

@@ -85,7 +85,7 @@ class Plane(NamedTuple):
 
 class Evened(NamedTuple):
     """Normals (V, 3) float32 for light. shares: (V,) in [0, 1], how much of each is that of a plane. area: share of the
-    mesh's area that lies on planes. planes: the largest first, about."""
+    area of patches that lies on planes. planes: the largest first, about."""
 
     normals: NDArray[np.float32]
     shares: Floats
@@ -152,10 +152,10 @@ def evened(points: Points, normals: Directions, faces: Faces, thickness: Floats,
         shares += share
     blended = summed + (1 - shares)[:, None] * ways
     blended /= np.maximum(np.linalg.norm(blended, axis=1, keepdims=True), 1e-12)
-    corners = places[faces]
-    crosses = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    areas = np.bincount(faces.ravel(), np.repeat(np.linalg.norm(crosses, axis=1), 3), len(points))
-    area = float(shares @ areas / max(areas.sum(), 1e-300))
+    held = np.zeros(len(patches.areas), bool)
+    for plane in planes:
+        held |= _on_plane(patches, plane)
+    area = float(patches.areas[held].sum() / max(patches.areas.sum(), 1e-300))
     return Evened(np.where(shares[:, None] > 0, blended, normals).astype(np.float32), shares, area, planes)
 
 
