@@ -14,10 +14,7 @@ from ..insert.asked import AskedInsert
 from ..insert.inserts import Inserts
 from ..insert.objects import InsertedObject, Part
 from ..insert.refine import unit
-from .animation import Animation
-
-SAMPLED = 8
-"""Poses sampled before the first frame: the surface is refined where they change the light."""
+from .animation import POSES, Animation
 
 
 class Acting:
@@ -49,7 +46,7 @@ class Acting:
     @property
     def sampled(self) -> list[Inserts]:
         """The objects in some poses, evenly over the time."""
-        return [self.at(float(time_s)) for time_s in np.linspace(0.0, self.duration_s, SAMPLED)]
+        return [self.at(float(time_s)) for time_s in np.linspace(0.0, self.duration_s, POSES)]
 
 
 def _animation(asked: AskedInsert) -> Animation | None:

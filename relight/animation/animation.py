@@ -22,6 +22,9 @@ from .skinning import Track, morphed, moved, skinned
 PATHS = {"translation": WIDTHS["VEC3"], "rotation": WIDTHS["VEC4"], "scale": WIDTHS["VEC3"]}
 """Properties of a node that an animation may change, and their widths; weights of morph targets come on top."""
 
+POSES = 16
+"""Poses that stand for all of an animation: where the surface is refined, and what a camera is fitted to."""
+
 
 class Animation:
     """An animated .glb or .gltf, one chunk for each mesh primitive of each node, posed at any time.

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Radiance
-from splat2mesh.base.choices import DEFAULT_FPS
+from splat2mesh.base.choices import DEFAULT_FPS, MOST_STEPS
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.outputs import check_output, staged_file, staged_folder
 from splat2mesh.scene.mesh import Mesh
@@ -23,6 +23,7 @@ from splat2mesh.scene.scene import Scene
 from ..light.tonemap import auto_exposure
 from ..output.images import write_png
 from ..output.preview import Preview, default_camera
+from .animation import POSES
 
 if TYPE_CHECKING:
     from ..light.environment import Environment
@@ -31,9 +32,6 @@ if TYPE_CHECKING:
 FILM = "animation.mp4"
 MARKER = "0000.png"
 """Only folders that hold this file are replaced."""
-
-MAX_FRAMES = 10_000
-_CAMERA_POSES = 16  # to which a camera is fitted: between them little leaves the picture
 
 
 class Frames(NamedTuple):
@@ -108,14 +106,14 @@ def frame_times(duration_s: float, fps: float) -> NDArray[np.float64]:
     if not (np.isfinite(fps) and fps > 0.0):
         raise InputError(f"frames per second must be above 0, found {fps}")
     count = int(np.floor(duration_s * fps + 1e-6)) + 1
-    if count > MAX_FRAMES:
-        raise InputError(f"{duration_s:g} s at {fps:g} frames a second are {count} frames; expected up to {MAX_FRAMES}")
+    if count > MOST_STEPS:
+        raise InputError(f"{duration_s:g} s at {fps:g} frames a second are {count} frames; expected up to {MOST_STEPS}")
     return np.arange(count) / fps
 
 
 def fitted_camera(animation: "Animation", aspect: float) -> dict:
     """The default camera for all vertices of 16 poses of the animation."""
-    times = np.linspace(0.0, animation.duration_s, _CAMERA_POSES)
+    times = np.linspace(0.0, animation.duration_s, POSES)
     points = np.concatenate([vertices for time_s in times for vertices, _ in animation.at(time_s)])
     nothing = np.zeros((0, 3), np.int32)
     swept = Scene([Mesh(points, np.zeros_like(points), nothing, np.zeros(points.shape, np.uint8))])

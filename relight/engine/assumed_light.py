@@ -17,16 +17,9 @@ OUTSIDE = 0.5
 """Share of the captured light assumed to come from outside, if lamps were found but no window. It cannot be estimated:
 the model attributes all light of unknown origin to the lamps."""
 
-BRIGHTNESS = {"sunset": 0.3}
-"""Mean luminance of built-in skies beside that of a clear noon, where their files have 1: by the skies of a date (.44
-with the sun at 10 degrees, .13 at 2; here it stands at 6)."""
-
 LEAST, MOST = 1.0 / 16.0, 1.0
 """Range of the change of brightness: at night four stops, so that no black picture results, and what is brighter than
 white would burn out, for a camera is exposed for it."""
-
-AS_BUILT_IN = 1e-3
-"""How far from 1 the mean luminance of a built-in sky is at most."""
 
 
 def assumed_change(environment: Environment, scale: float = 1.0) -> NDArray[np.float32]:
@@ -38,13 +31,13 @@ def assumed_change(environment: Environment, scale: float = 1.0) -> NDArray[np.f
     mean, bright = _mean(environment)
     if not bright > 0.0:
         return np.full(3, LEAST * scale, np.float32)
-    return (_brightness(environment, bright) * scale * mean / bright).astype(np.float32)
+    return (_brightness(bright) * scale * mean / bright).astype(np.float32)
 
 
 def assumed_exposure(environment: Environment, scale: float = 1.0) -> float:
     """Return the factor on the mean radiance of an environment that gives `assumed_change`; 0 for a black one."""
     _, bright = _mean(environment)
-    return _brightness(environment, bright) * scale / bright if bright > 0.0 else 0.0
+    return _brightness(bright) * scale / bright if bright > 0.0 else 0.0
 
 
 def _mean(environment: Environment) -> tuple[NDArray[np.float64], float]:
@@ -53,8 +46,6 @@ def _mean(environment: Environment) -> tuple[NDArray[np.float64], float]:
     return mean, float(luminance(mean))
 
 
-def _brightness(environment: Environment, bright: float) -> float:
+def _brightness(bright: float) -> float:
     """How bright an environment is taken for, beside white, of which the mean luminance is `bright`."""
-    built_in = abs(environment.mean_luminance - 1.0) < AS_BUILT_IN
-    usual = BRIGHTNESS.get(environment.name, 1.0) if built_in else 1.0
-    return min(max(bright * usual, LEAST), MOST)
+    return min(max(bright, LEAST), MOST)

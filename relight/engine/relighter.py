@@ -19,6 +19,7 @@ from ..light.captured import CapturedLight
 from ..options import LightingOptions
 from ..planning import planner
 from ..rooms.hidden import kept_volumes
+from ..transfer import DEFAULT_BANDS, DEFAULT_RAYS
 from ..transfer.bounces import with_bounces
 from ..transfer.checks import checked_albedo
 from ..transfer.posed import PosedPrecomputed
@@ -41,9 +42,6 @@ if TYPE_CHECKING:
 
 PLANNED = ("auto", "raytraced", "analytic")
 """Methods whose settings can be planned; the others guess, and no setting makes the error of that smaller."""
-
-DYNAMIC_BANDS, DYNAMIC_RAYS = 5, 64
-"""Settings of a scene that needed no rays before something moved in it."""
 
 
 class Shading(NamedTuple):
@@ -313,7 +311,7 @@ class Relighter:
         if settings.method != "raytraced":
             if self.options.method != "auto":
                 raise InputError(f"the method {settings.method} cannot follow motion; leave it at auto")
-            settings = self._everything._replace(method="raytraced", bands=DYNAMIC_BANDS, rays=DYNAMIC_RAYS)
+            settings = self._everything._replace(method="raytraced", bands=DEFAULT_BANDS, rays=DEFAULT_RAYS)
         settings = settings._replace(shadowed=None, volume=0)
         return DynamicGeometry(self.scene, moving, settings, self.seed, before)
 

@@ -5,7 +5,7 @@ everywhere; it cancels in differences from the place's mean over its views. The 
 over pixels, taken once, show how well any light and any roughness explain them.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,20 +30,15 @@ surface, show a little more together than each alone."""
 PATCHES = 60
 """Into which the surface is divided by place and colour; parts of one material are found to be alike afterwards."""
 
-PLACE, COLOR = 10.0, 4.0
-"""Weights of diagonals and of display colours when it is divided."""
+PLACE = 2.5
+"""Weight of diagonals beside display colours when it is divided."""
 
-LEAST_COSINE = 0.15
-"""Under flatter angles a pixel shows what lies behind, too."""
+LEAST_PIXELS = 500
+"""Pixels from which a patch counts."""
 
-LEAST_VIEWS, LEAST_PIXELS = 4, 500
-"""Pixels in which a place is seen, and those of a patch, from which it counts."""
-
-PLANE, CURVED = 0.01, 0.1
-"""`PatchFits.curved` of patches that always count as planes, and of those that never do: a trained table top has
-up to .012, its objects .03 to .45, and patches of one ball .01 to .03."""
-
-NUISANCE_RIDGE = 1e-4
+PLANE = 0.01
+"""`PatchFits.curved` of patches that always count as planes: a trained table top has up to .012, its objects .03 to
+.45, and patches of one ball .01 to .03."""
 
 KINDS = 2  # dielectric and metal: with and without Fresnel's rise
 
@@ -72,7 +67,7 @@ class PatchFits(NamedTuple):
         """
         seen = self.pixels > 0
         usual = float(np.median(self.curved[seen])) if seen.any() else 0.0
-        return seen & (self.curved >= np.clip(usual, PLANE, CURVED))
+        return seen & (self.curved >= max(usual, PLANE))
 
     @classmethod
     def restored(cls, arrays: Mapping[str, NDArray[Any]]) -> "PatchFits":
@@ -94,7 +89,6 @@ def observed(
     scene_from_splat: Matrix3,  # rotation
     colors: Floats,  # (V, 3) captured display colours of the vertices, in [0, 1]
     seed: int = 0,
-    advance: Callable[[int], None] = lambda count: None,  # called with the number of finished views
 ) -> PatchFits | None:
     """The PatchFits of a splat whose harmonics show more than one colour; None where nothing depends on the view."""
     splats = binding.drawn()
@@ -102,12 +96,7 @@ def observed(
         return None
     patch = _patches(binding, colors, seed)
     found = [_seen(binding, looks, splats, number, scene_from_splat) for number in range(len(looks.eyes))]
-    advance(len(found))
     node, color, mirrored, cosine = (np.concatenate([each[i] for each in found]) for i in range(4))
-    count = len(patch)
-    known = np.bincount(node, minlength=count) >= LEAST_VIEWS
-    rows = known[node]
-    node, color, mirrored, cosine = node[rows], color[rows], mirrored[rows], cosine[rows]
     patches = int(patch.max()) + 1
     size = BANDS**2 - 1
     gram, moments = np.zeros((patches, 2, KINDS, size, size)), np.zeros((patches, 2, KINDS, size, 3))
@@ -132,8 +121,6 @@ def _seen(
     """Node, linear colour, mirrored direction in the scene and cosine of the pixels of a view that mirror the sky."""
     pixels = SurfacePixels.of_view(looks, binding.surface, number)
     shown = linear_from_srgb(pixels.blending.drawn(splats.colors_toward(pixels.eye).astype(np.float32)))[pixels.known]
-    steep = pixels.cosine > LEAST_COSINE
-    pixels, shown = pixels.take(steep), shown[steep]
     open_sky = ~np.isfinite(pixels.hits(binding.surface, pixels.mirrored).distance)
     pixels, shown = pixels.take(open_sky), shown[open_sky]
     return pixels.nodes, shown.astype(np.float64), pixels.mirrored @ scene_from_splat.T, pixels.cosine
@@ -143,7 +130,7 @@ def _patches(binding: Binding, colors: Floats, seed: int) -> NDArray[np.int32]:
     """(M,) the patch of each node: k-means of places and colours."""
     surface = binding.surface
     shown = surface.of_vertices(np.asarray(colors, np.float64))
-    features = np.concatenate([surface.points / surface.diagonal * PLACE, shown * COLOR], axis=1)
+    features = np.concatenate([surface.points / surface.diagonal * PLACE, shown], axis=1)
     rng = np.random.default_rng(seed)
     used = np.flatnonzero(surface.used)
     sample = features[rng.choice(used, min(8000, len(used)), replace=False)]
@@ -166,8 +153,7 @@ def _sums(
     for kind in range(KINDS):
         lobe = basis * fresnel_rise(cosine, np.full(len(cosine), bool(kind)))[:, None]
         both = np.concatenate([_less_mean(lobe, place), own], axis=1)
-        square = angle.T @ angle + NUISANCE_RIDGE * len(angle) * np.eye(3)
-        both -= angle @ np.linalg.solve(square, angle.T @ both)
+        both -= angle @ np.linalg.lstsq(angle, both)[0]
         for half in range(2):
             rows = both[place % 2 == half]
             gram[half, kind] = rows[:, :size].T @ rows[:, :size]

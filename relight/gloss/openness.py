@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Indices, Matrix3, Radiance
-from splat2mesh.base.sphere import fibonacci_sphere
+from splat2mesh.base.sphere import EVENLY, fibonacci_sphere
 from splat2mesh.base.threads import in_batches
 from splat2mesh.render.raycaster import corner_weights
 
@@ -16,9 +16,6 @@ from .pixels import LIFT
 BANDS = 2
 """Bands of the visibility: four numbers. Nine made no difference on a trained glossy table, whose lobes blur all
 edges."""
-
-DIRECTIONS = 192
-"""Over the whole sphere, of which half is above a surface."""
 
 RIDGE = 0.02
 """Of the directions above a surface, on all coefficients but the constant one: half a sphere separates them badly.
@@ -34,7 +31,7 @@ def openness(
     into the scene's. Returns (N, 4) SH coefficients of visibility, frame of the scene, valid only above the surface,
     and (N, 3), the mean colour of the occluders, 0 without any.
     """
-    toward = fibonacci_sphere(DIRECTIONS)
+    toward = fibonacci_sphere(EVENLY)
     basis = harmonics.evaluate(toward @ scene.T, BANDS)
     hold = np.diag([0.0] + [RIDGE] * (BANDS**2 - 1))
     visible, hidden = np.zeros((len(nodes), BANDS**2), np.float32), np.zeros((len(nodes), 3), np.float32)
@@ -57,5 +54,5 @@ def openness(
         total = np.stack([np.bincount(place[met], column, len(points)) for column in sent.T], axis=1)
         hidden[rows] = total / np.maximum(np.bincount(place[met], minlength=len(points)), 1)[:, None]
 
-    in_batches(see, len(nodes), BATCH_RAYS // DIRECTIONS)
+    in_batches(see, len(nodes), BATCH_RAYS // EVENLY)
     return visible, hidden

@@ -26,9 +26,6 @@ from .pixels import SurfacePixels
 DEGREE = 3
 """Largest degree of written harmonics, as viewers draw no more."""
 
-LEAST_LEFT = 0.02
-"""Least share of a pixel's colour that remains when gloss is removed."""
-
 MOSTLY = 0.5
 """Least glossy share of a Gaussian's nodes for it to take part."""
 
@@ -88,7 +85,7 @@ class Reflections:
             ratio = np.exp(2.4 * view.pixels.of_nodes(log_gain))
             change = new - ratio * old
             linear = linear_from_srgb(now)
-            wanted = srgb_from_linear(np.maximum(linear + change, LEAST_LEFT * linear))
+            wanted = srgb_from_linear(np.maximum(linear + change, 0.0))
             wanted = np.minimum(wanted, np.maximum(now, 1.0))
             error = np.zeros_like(picture)
             error[view.pixels.known] = np.where(change == 0.0, 0.0, wanted - now)

@@ -16,12 +16,6 @@ GLANCE = 16
 VIEWS = 40
 """Number of views of an object: 64, or 384 pixels, show no more of the light."""
 
-LOWEST = 0.1
-"""Sine of the elevation of the lowest: from -.15 on, the estimate of a table's captured light was a third worse."""
-
-DISTANCE = 1.15
-"""Distance of the eyes, over the distance at which the whole just fits in."""
-
 
 def outer_looks(binding: Binding, scene: Scene, part: slice = slice(None)) -> Looks | None:
     """Looks at an object from VIEWS places above the horizon, or from a part of them, of which the first stand far
@@ -33,9 +27,9 @@ def outer_looks(binding: Binding, scene: Scene, part: slice = slice(None)) -> Lo
     points = binding.surface.points[binding.surface.used].astype(np.float64)
     low, high = points.min(axis=0), points.max(axis=0)
     center, radius = (low + high) / 2, float(np.linalg.norm(high - low)) / 2
-    distance = DISTANCE * radius / np.sin(np.radians(OUTER_FOV_DEG) / 2)
-    every = even_directions(round(2 * VIEWS / (1.0 - LOWEST)))
-    directions = _far_apart_first(every[every @ up > LOWEST])[part]
+    distance = radius / np.sin(np.radians(OUTER_FOV_DEG) / 2)  # the whole just fits in
+    every = even_directions(2 * VIEWS)
+    directions = _far_apart_first(every[every @ up > 0.0])[part]
     views = [View.look_at(center + distance * each, center, up, OUTER_FOV_DEG, PIXELS) for each in directions]
     return binding.looks_at(views)
 

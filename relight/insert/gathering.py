@@ -16,6 +16,7 @@ from splat2mesh.base.threads import in_slices
 from splat2mesh.render.raycaster import Hits, corner_weights
 
 from ..lamps.tracing import DRAFT_RAYS, lamplight
+from ..planning.costs import FOLLOWED
 from ..transfer.occluder import BATCH_RAYS
 from ..transfer.sampling import fibonacci_azimuths, hashed_offsets, shoot, tangents, turned
 from ..transfer.sunlight import sunlight
@@ -25,14 +26,8 @@ from .surroundings import Receiving, Surroundings, Together
 OBJECT_RAYS = 256
 """Rays from each vertex of an object, in all directions."""
 
-OWN_ROUNDS = 4
-"""Bounces between the parts of objects."""
-
 NEAR_RAYS = 4
 """Factor on the number of rays for a vertex within the sphere of an object, where they go in all directions."""
-
-NEAR = 1.05
-"""Distance, in radii of that sphere, up to which they do: the cone would be nearly half of all directions."""
 
 LEAST_CONE = 1.0 / 400.0
 """Part of a hemisphere that the sphere of an object must fill: a smaller part makes no visible change."""
@@ -78,7 +73,7 @@ def _thrown_on(
 ) -> NDArray[np.float32]:
     """Light (V, 3) including bounces within and between objects."""
     corners, found = standing.faces[faces], received
-    for _ in range(OWN_ROUNDS if len(rows) else 0):
+    for _ in range(FOLLOWED if len(rows) else 0):
         sent = standing.albedo * found + standing.emission
         met = np.einsum("nk,nkc->nc", weights, sent[corners]) / OBJECT_RAYS
         found = received + np.stack([np.bincount(rows, met[:, c], len(received)) for c in range(3)], axis=1)
@@ -109,7 +104,7 @@ def change_at(
         reached = np.flatnonzero(in_reach(middle, radius, at, how.least))
         toward = middle - at.origins[reached]
         distance = np.linalg.norm(toward, axis=1)
-        near = distance < NEAR * radius
+        near = distance <= radius
         for inside, count in ((False, how.rays), (True, NEAR_RAYS * how.rays)):
             place = np.flatnonzero(near if inside else ~near)
             size = max(1, BATCH_RAYS // count)

@@ -20,16 +20,11 @@ from splat2mesh.scene.color import CLIPPED_SRGB, linear_from_srgb
 from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.splats import Splats
 from splat2mesh.views.eyes import FOV_DEG
+from splat2mesh.views.standpoints import NEAR_DIAGONAL
 
 from ..light import HEIGHT
 from ..transfer.occluder import Frame, Occluder
 from .surroundings import Sky
-
-FACE = 320
-"""Side of a face of the cube that is rendered, in pixels, for HEIGHT rows."""
-
-NEAR = 0.004
-"""Near plane, in diagonals of the scene, so that splats at the position itself hide nothing."""
 
 SURE = 0.85
 """Display value of the brightest channel up to which splats show a sky as it was; from CLIPPED_SRGB on they clip it."""
@@ -68,8 +63,7 @@ class ProbedScene(NamedTuple):
         rays[:, :3], rays[:, 3:] = frame.unit(at[None]), directions
         hits = occluder.first_hits(rays)
         _check_free(scene, hits.faces, directions, place)
-        face = FACE * height // HEIGHT
-        shown, alpha = _shown(self.splats, scene, np.asarray(place, np.float64), directions, face)
+        shown, alpha = _shown(self.splats, scene, np.asarray(place, np.float64), directions, height)
         sky = np.zeros_like(shown)
         for each in light.skies:
             sky += np.float32(each.factor * exposure) * each.environment.lookup(directions)
@@ -132,7 +126,7 @@ def _shown(
         rows = np.flatnonzero((axis == number // 2) & (side == forward[number // 2]))
         up = np.roll(np.abs(forward), 1)
         view = View.look_at(place, place + forward, up, FOV_DEG, face, face)
-        seen = rasterize(splats, view, NEAR * scene.diagonal / scale)
+        seen = rasterize(splats, view, NEAR_DIAGONAL * scene.diagonal / scale)
         x, y, z = view.camera_from_world[:3, :3] @ turned[rows].T
         column, row = view.fx * x / z + view.cx - 0.5, view.fy * y / z + view.cy - 0.5
         for image, target in ((np.clip(seen.color, 0.0, 1.0), color), (seen.alpha, alpha)):

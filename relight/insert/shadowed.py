@@ -15,6 +15,7 @@ from splat2mesh.render.view import View
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.splats import Splats
+from splat2mesh.views.eyes import FOV_DEG
 
 from ..albedo.seen import standing as eyes_of
 from ..splats import Binding
@@ -38,10 +39,7 @@ RAYS = 96
 """Rays to each object from the vertices of refined triangles."""
 
 VIEWS, AROUND = 16, 3.5
-"""Views of the fit, and the field around an object that they show, in its radii."""
-
-WIDEST_DEG, LEAST_AWAY = 100.0, 1.2
-"""Of those views, and their least distance from an object, in its radii."""
+"""Views of the fit, and the field around an object that they show, in its radii, as far as one view can."""
 
 
 def shadowed(light: InsertedLight, splats: Splats) -> Splats:
@@ -116,11 +114,11 @@ def _views(light: InsertedLight, scene: Scene) -> list[View] | None:
     each = max(VIEWS // len(light.standing.spheres), 4)
     for middle, radius in light.standing.spheres:
         center, reach = middle * frame.diagonal + frame.center, radius * frame.diagonal
-        for eye in eyes[_apart(eyes - center, LEAST_AWAY * reach, each)]:
+        for eye in eyes[_apart(eyes - center, reach, each)]:
             distance = float(np.linalg.norm(eye - center))
             wide = np.degrees(2.0 * np.arctan(AROUND * reach / distance))
             place, target = (back[:3, :3] @ point + back[:3, 3] for point in (eye, center))
-            views.append(View.look_at(place, target, up * scale, min(wide, WIDEST_DEG), PIXELS, PIXELS))
+            views.append(View.look_at(place, target, up * scale, min(wide, FOV_DEG), PIXELS, PIXELS))
     return views or None
 
 

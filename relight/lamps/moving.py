@@ -10,11 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 from splat2mesh.base.arrays import Triple
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.specs import vector
+from splat2mesh.views.poses import SLACK
 
 from .shapes import Lamp, MeshLamp, ProfileLamp, RectangleLamp, SphereLamp, SpotLamp, TubeLamp
-
-STRETCH = 1e-3
-"""Relative difference of the lengths of axes from which a motion is no turn with a scale."""
 
 
 def moved(lamp: Lamp, matrix: ArrayLike) -> Lamp:
@@ -26,7 +24,7 @@ def moved(lamp: Lamp, matrix: ArrayLike) -> Lamp:
     motion = np.asarray(matrix, np.float64)
     lengths = np.linalg.norm(motion[:3, :3], axis=0)
     scale = float(np.cbrt(np.prod(lengths)))
-    if not (scale > 0.0 and np.abs(lengths / scale - 1.0).max() < STRETCH):
+    if not (scale > 0.0 and np.abs(lengths / scale - 1.0).max() < SLACK):
         raise InputError("lamps cannot follow a motion that scales the axes differently")
 
     def point(place: ArrayLike) -> Triple:

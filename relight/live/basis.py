@@ -27,7 +27,7 @@ DIRECTIONS = 48
 EVEN = 0.3
 """Part of the moment that is the same for all directions of a band."""
 
-TURNS = 32
+TURNS = 2 * BANDS
 """Angles whose mean is exact for products of BANDS bands."""
 
 

@@ -21,9 +21,6 @@ TRAINED_ON = 2**15
 ROUNDS = 8
 """Iterations of k-means; each further one lowers the error by less than 1%."""
 
-LEAST_ROWS = 64
-"""Least rows per cluster: with fewer, its components take more bytes than they save."""
-
 CANDIDATES = 4
 """Nearest clusters among which a row takes the best: 8% less error than with the nearest alone."""
 
@@ -89,8 +86,7 @@ def principal(values: Floats, counts: Floats, most: int) -> tuple[NDArray[np.flo
 
 def choices_for(count: int) -> list[CompressionLevel]:
     """The CHOICES for a number of rows, the fewest bytes first, components included."""
-    able = [choice for choice in CHOICES if choice.clusters * LEAST_ROWS <= max(count, 64 * LEAST_ROWS)]
-    return sorted(able, key=lambda choice: choice.bytes * count + choice.clusters * (choice.weights + 2) * COMPONENT)
+    return sorted(CHOICES, key=lambda choice: choice.bytes * count + choice.clusters * (choice.weights + 2) * COMPONENT)
 
 
 def compress(

@@ -25,9 +25,6 @@ if TYPE_CHECKING:
 MOST_IN_A_FILE = 1_500_000
 """Number of splats above which the page is a folder: its file would exceed 60 MB, and browsers hold several copies."""
 
-LEAST_GAIN = 0.98
-"""Part of its size above which a file is not compressed: unpacking it costs more time than reading it."""
-
 PAGE, FOLDER, INDEX = "relit.html", "web", "index.html"
 
 _WEB = Path(__file__).parent / "web"
@@ -146,7 +143,7 @@ def _packed(content: bytes, width: int | None) -> str:
         versions = {kind: planes.T.tobytes(), f"{kind} data-steps": steps.T.tobytes()}
     found = {kind: gzip.compress(each, 6, mtime=0) for kind, each in versions.items()}
     best = min(found, key=lambda each: len(found[each]))
-    if len(found[best]) > LEAST_GAIN * len(content):
+    if len(found[best]) >= len(content):
         return f">{base64.b64encode(content).decode()}"
     return f"{best} data-gzip>{base64.b64encode(found[best]).decode()}"
 

@@ -11,7 +11,7 @@ from splat2mesh.base.errors import InputError
 
 FILE = "parts.bin"
 
-MOST_PARTS = 255
+MOST_PARTS = int(np.iinfo(np.uint8).max)
 """Their numbers, from 1, are bytes."""
 
 

@@ -15,7 +15,7 @@ from splat2mesh.scene.color import luminance
 
 from ..lamps.photometry import axis_intensity
 from ..lamps.shapes import Lamp, MeshLamp
-from ..splats.light_ratio import linear_parts
+from ..splats.light_ratio import MOST, linear_parts
 
 if TYPE_CHECKING:
     from ..engine.light_mix import LightMix
@@ -27,9 +27,6 @@ CAPTURED, LAMP = "captured", "lamp"
 LEAST = 2.0**-10
 """Least light ratio of a stored splat, relative to the 98th percentile for a lamp that is weaker than the captured
 light: on white it is three display steps."""
-
-MOST = 2.0**12
-"""Largest stored light ratio: it turns everything but black into white."""
 
 MARGIN = 8.0
 """Range of the channels of a splat below the least stored ratio, since bounced light is coloured."""

@@ -26,8 +26,8 @@ SAMPLES = 2
 SIZE = 0.45
 """Standard deviation of such a splat, in its sample's width: they overlap without a gap."""
 
-FIELD_DEG, AWAY = 55.0, 4.5
-"""The picture of an object: its field of view, and its preferred distance, in radii of the object."""
+FIELD_DEG = 55.0
+"""Widest field of view of the picture of an object with its surroundings; eyes are preferred where that just fits."""
 
 ABOVE = 0.35
 """How far above an object people look from, over their distance: what an eye is below that counts against it."""
@@ -112,9 +112,10 @@ def camera_of(inserted: "InsertedLight", scene: Scene, points: NDArray | None = 
     low, high = points.min(axis=0), points.max(axis=0)
     center, radius = 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low))
     stood = np.asarray(scene.capture.get("eyes", ()), np.float64).reshape(-1, 3)
-    eyes = np.concatenate([stood, _above(stood, center, AWAY * radius)])
+    away = 2.2 * radius / np.tan(np.radians(FIELD_DEG) / 2.0)
+    eyes = np.concatenate([stood, _above(stood, center, away)])
     distance = np.maximum(np.linalg.norm(eyes - center, axis=1), 1e-9)
-    worth = _share_seen(inserted, eyes, _about(low, high)) - WORSE * np.abs(np.log(distance / (AWAY * radius)))
+    worth = _share_seen(inserted, eyes, _about(low, high)) - WORSE * np.abs(np.log(distance / away))
     worth -= np.maximum(ABOVE - (eyes[:, 1] - center[1]) / distance, 0.0)
     worth[len(stood) :] -= WORSE
     worth[distance < 2.0 * radius] = -np.inf

@@ -14,7 +14,7 @@ from splat2mesh.base.sphere import GOLDEN_TURN
 from splat2mesh.render.raycaster import RayCaster, corner_weights
 from splat2mesh.render.view import View
 from splat2mesh.scene.color import bytes_from_unit, linear_from_srgb, srgb_from_linear
-from splat2mesh.views.viewpoints import OUTER_FOV_DEG
+from splat2mesh.views.viewpoints import OUTER_FOV_DEG, picture_elevation
 
 from ..light.tonemap import compress_highlights
 from ..transfer.occluder import BATCH_RAYS
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from ..light.environment import Environment
 
 
-_AZIMUTH_DEG, _ELEVATION_DEG = 30.0, 20.0  # three-quarter view: from +z, turned towards +x, slightly above
+_AZIMUTH = np.radians(30.0)  # three-quarter view: from +z, turned towards +x
 NOWHERE = 1e10
 """Depth of rays without a hit: far beyond any scene, and a number that all programs read."""
 
@@ -145,8 +145,9 @@ def default_camera(scene: "Scene", aspect: float = 4 / 3) -> dict:
 
     aspect: width / height of the picture. Returns a dict of eye, target, up (lists, scene frame) and fov_deg.
     """
-    azimuth, elevation = np.radians([_AZIMUTH_DEG, _ELEVATION_DEG])
-    backward = [np.sin(azimuth) * np.cos(elevation), np.sin(elevation), np.cos(azimuth) * np.cos(elevation)]
+    elevation = picture_elevation(scene.vertices, np.array([0.0, 1.0, 0.0]))
+    level = np.cos(elevation)
+    backward = [np.sin(_AZIMUTH) * level, np.sin(elevation), np.cos(_AZIMUTH) * level]
     way = View.look_at(backward, np.zeros(3), [0.0, 1.0, 0.0], OUTER_FOV_DEG, 1200, round(1200 / aspect))
     view = way.holding(scene.vertices)
     return {

@@ -17,9 +17,10 @@ from ..light.tonemap import compress_highlights
 from ..sh import harmonics
 from ..transfer import FEW_BANDS
 from .images import write_exr, write_png
+from .kinds import PICTURE_SIZE
 from .probe_set import irradiance_of, places_of, write_probe_set
 
-BALL = 360
+BALL = PICTURE_SIZE[1] // 2
 """Side of the picture of a ball, in pixels."""
 
 GREY = 0.5

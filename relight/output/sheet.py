@@ -21,9 +21,9 @@ def grey(level: int) -> tuple[int, int, int]:
     return level, level, level
 
 
-INK, PAPER, MARK = grey(226), grey(20), (255, 140, 50)
-"""sRGB bytes of texts, of what is behind them, and of what is marked: no surface is as bright an orange. Of the session
-too."""
+INK, PAPER, SHADE, MARK = grey(226), grey(20), grey(48), (255, 140, 50)
+"""sRGB bytes of texts, of what is behind them, of what stands out from that a little, and of what is marked: no surface
+is as bright an orange. Of the session too."""
 
 
 def sheet(

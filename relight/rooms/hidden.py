@@ -13,7 +13,7 @@ import scipy
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Floats, Integers, Mask
-from splat2mesh.base.sphere import fibonacci_sphere
+from splat2mesh.base.sphere import EVENLY, fibonacci_sphere
 from splat2mesh.scene.measured import CapturedSky
 from splat2mesh.scene.scene import Scene
 
@@ -21,7 +21,8 @@ from ..albedo import samples
 from ..albedo.skylight import GROUND, SkyParts
 from ..transfer.occluder import BATCH_RAYS, Frame, Occluder
 from ..transfer.store import Cache
-from .interior import LOOKS, MOST_CLOSED, within
+from .interior import MOST_CLOSED, within
+from .lamps import MOST_OPEN
 from .seen import seen_from
 
 CELLS = 1e6
@@ -33,7 +34,7 @@ ERODED = 1
 SIDES, TRIMMED = 64, 0.01
 """Planes of the hull, and the part of the visible surface beyond each: what windows show outside, and frames."""
 
-TRIED, TRIED_EACH = 4, 16
+TRIED = 16
 """Directions from each surface seen, to tell a closed room before any light is computed, and what stands outside it."""
 
 PORTAL, LINES = 3, 8192
@@ -43,9 +44,6 @@ LEAST_SHOWN, LEAST_LINES = 0.15, 8
 """Share of the rising lines through a window that show captured sky, and lines without which a hole is a pinhole. The
 windows of a trained parlour have .72, the hole beside its lamp .07; windows of generated lounges and of a trained one
 .41 to .52, that of a box .44 and a hole of its ceiling .01."""
-
-OUTDOORS = 0.35
-"""Part of the sky above which a surface stands outside, seen through a window: sills have up to a half of it."""
 
 
 def hidden_volumes(scene: Scene, occluder: Occluder) -> NDArray[np.float32]:
@@ -62,7 +60,7 @@ def hidden_volumes(scene: Scene, occluder: Occluder) -> NDArray[np.float32]:
     if not seen.any():
         return none
     indoors = np.flatnonzero(seen)
-    indoors = indoors[_sky_seen(occluder, indoors, TRIED_EACH) < OUTDOORS]
+    indoors = indoors[_sky_seen(occluder, indoors) < MOST_OPEN]
     if not len(indoors):
         return none
     hull = Hull.around(occluder.origins[indoors].astype(np.float64), samples.vertex_areas(occluder)[indoors])
@@ -101,25 +99,25 @@ def kept_volumes(scene: Scene, cache: Cache, occluder: Occluder) -> NDArray[np.f
 
 def _sky_part(occluder: Occluder, eyes: NDArray[np.float32]) -> float:
     """Mean part of the sky over the fronts of the surfaces that eyes (E, 3), unit frame, see; 1 without any."""
-    directions = fibonacci_sphere(LOOKS)
-    rays = np.hstack([np.repeat(eyes, LOOKS, axis=0), np.tile(directions, (len(eyes), 1))]).astype(np.float32)
+    directions = fibonacci_sphere(EVENLY)
+    rays = np.hstack([np.repeat(eyes, EVENLY, axis=0), np.tile(directions, (len(eyes), 1))]).astype(np.float32)
     hits = occluder.first_hits(rays)
     rows = occluder.faces[np.maximum(hits.faces, 0), 0]
     front = (hits.faces >= 0) & (np.einsum("ij,ij->i", occluder.normals[rows], rays[:, 3:]) < 0.0)
     rows = rows[front]
     if not len(rows):
         return 1.0
-    return float(_sky_seen(occluder, rows, TRIED).mean())
+    return float(_sky_seen(occluder, rows).mean())
 
 
-def _sky_seen(occluder: Occluder, rows: Integers, count: int) -> NDArray[np.float64]:
-    """Part of the sky that vertices (R,) see, of so many directions, weighted as matt surfaces weigh it."""
-    directions, free = fibonacci_sphere(LOOKS), np.zeros(len(rows))
-    size = BATCH_RAYS // count
+def _sky_seen(occluder: Occluder, rows: Integers) -> NDArray[np.float64]:
+    """Part of the sky that vertices (R,) see, of TRIED directions, weighted as matt surfaces weigh it."""
+    directions, free = fibonacci_sphere(EVENLY), np.zeros(len(rows))
+    size = BATCH_RAYS // TRIED
     for start in range(0, len(rows), size):
         part = rows[start : start + size]
         # A unit vector around the normal: the cosine lobe. Each place takes others of the directions.
-        turn = (7 * (start + np.arange(len(part)))[:, None] + np.arange(count) * (LOOKS // count)) % LOOKS
+        turn = (7 * (start + np.arange(len(part)))[:, None] + np.arange(TRIED) * (EVENLY // TRIED)) % EVENLY
         toward = occluder.normals[part, None] + directions[turn]
         toward /= np.maximum(np.linalg.norm(toward, axis=2, keepdims=True), 1e-6)
         origins = np.broadcast_to(occluder.origins[part, None], toward.shape)

@@ -46,7 +46,7 @@ FLAT = 0.85
 spot of sun, a window or a screen."""
 
 MOST_OPEN = 0.5
-"""Mean visible fraction of the sky above which something white stands outside, in front of a window."""
+"""Mean visible fraction of the sky above which what is seen through a window stands outside: sills have up to this."""
 
 SPOTS = 24
 """Points on each lamp that light comes from: the hard edges of so many shadows lie closer together than vertices."""

@@ -23,14 +23,13 @@ from ..albedo.seen import standing
 from ..transfer.store import Cache, array_key
 from .mirrored_room import REACH, TURNS, MirroredRoom
 
-LEVEL, BIN, LEAST_AREA = 0.97, 0.015, 1.0
-"""Least cosine of a level face with the vertical, height of a bin of their histogram, in sizes, and the least area of a
-floor in three of them, in squared sizes. The size of a place is the median distance of its vertices from the nearest
-eye: 0.9 to 1.6 metres in six rooms and gardens."""
+LEVEL, LEAST_AREA = 0.97, 1.0
+"""Least cosine of a level face with the vertical, and the least area of a floor, in squared sizes. The size of a place
+is the median distance of its vertices from the nearest eye: 0.9 to 1.6 metres in six rooms and gardens."""
 
 BENEATH, DEEP = 0.05, 0.3
 """Depths below the floor, in sizes: from which Gaussians are not the floor's own, and from which they may be images of
-what stands on it."""
+what stands on it. Three bins of the histogram of level faces are as high as the first."""
 
 LEVELS = 3
 """Level surfaces that are tested. A well captured mirror world has a level one too, the image of the ceiling."""
@@ -173,7 +172,7 @@ def _levels(scene: Scene, eyes: Points, size: float) -> list[tuple[NDArray[np.fl
     level &= np.linalg.norm((centers - np.median(eyes, axis=0))[:, [0, 2]], axis=1) < REACH * size
     level &= centers[:, 1] < np.quantile(eyes[:, 1], 1.0 - LEAST_EYES)
     area, centers = area[level], centers[level]
-    bins = np.floor(centers[:, 1] / (BIN * size)).astype(np.int64)
+    bins = np.floor(centers[:, 1] / (BENEATH / 3.0 * size)).astype(np.int64)
     bins -= bins.min(initial=0)
     if not len(bins) or bins.max() > 1_000_000:
         return []

@@ -22,8 +22,8 @@ ALIKE = 0.2
 """Largest difference of a channel, in sRGB, between a splat and the sky in its direction. This number and those below
 were chosen on a generated garden and a real field with a building."""
 
-NEIGHBORS = 16
-"""Splats of the sky whose mean colour is that of the sky in a direction."""
+VOTES = 9
+"""Neighbours that say what the sky is like in a direction."""
 
 LEAST_EYES = 2
 """How many eyes see a splat at least. LEAST_OPEN of them see no surface behind it: of splats with the colour of the
@@ -33,9 +33,6 @@ COARSE = 3.0
 """Least angular size, over the median of the far background for one of its splats, and of all splats for a nearer one.
 Training leaves a sky coarse, while what stands against it, such as a white chimney or blossoms, is as fine as other
 surfaces."""
-
-GRID_CELLS = 3_000_000
-"""Cells of the inner grid that rays march through: a quarter of what finds the places of a capture."""
 
 
 class FromMiddle(NamedTuple):
@@ -86,13 +83,13 @@ def hanging_sky(
     if not inner.any():
         return rows[:0]
     bounds = bounds_of(splats.take(np.flatnonzero(inner)))
-    grid = OpacityGrid.around(splats.take(np.flatnonzero(solid)), bounds, GRID_CELLS)
+    grid = OpacityGrid.around(splats.take(np.flatnonzero(solid)), bounds)
     return np.sort(rows[_free(grid, splats.means[rows].astype(np.float64), eyes)])
 
 
 def _alike(some: FromMiddle, sky: FromMiddle) -> Mask:
     """Which splats have the colour of the sky in their direction: (M,) bool."""
-    count = min(NEIGHBORS, len(sky.sizes))
+    count = min(VOTES, len(sky.sizes))
     tree = scipy.spatial.cKDTree(sky.directions)
     around = tree.query(some.directions, count)[1].reshape(-1, count)
     weights = sky.sizes[around] / sky.sizes[around].sum(axis=1, keepdims=True)

@@ -26,7 +26,7 @@ from ..light.captured import CapturedLight
 from ..light.tonemap import tone_map
 from ..transfer.store import Cache, array_key
 from .attachment import FAR
-from .hanging_sky import FromMiddle, hanging_sky
+from .hanging_sky import VOTES, FromMiddle, hanging_sky
 from .light_ratio import CURVE_POWER, LEAST, MOST, relit_sh
 
 if TYPE_CHECKING:
@@ -50,9 +50,6 @@ luminance below which they are that, and not a sky at evening."""
 NEAR_PART = 0.4
 """Share of the sky's usual distance below which a splat is a surface. A sky has no parallax, so training puts it
 far."""
-
-VOTES = 9
-"""Neighbours, itself among them, whose majority a far splat follows."""
 
 ROUGH = 0.21
 """Spread of brightness, in sRGB, among that many neighbours in direction, above which half of what looks like sky is

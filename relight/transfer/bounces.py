@@ -36,7 +36,7 @@ from .settings import BOUNCE_RAYS, BOUNCE_TOLERANCE
 DEFAULT_MAX_BOUNCES = 64
 """Reached only by bright scenes that are nearly closed."""
 
-ROUNDING = 1e-5
+ROUNDING = 100.0 * float(np.finfo(np.float32).eps)
 """Fractions may be this far outside [0, 1]: sums of float32."""
 
 BLOCK_COEFFICIENTS = 8

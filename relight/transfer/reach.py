@@ -17,7 +17,7 @@ from splat2mesh.base.threads import in_slices
 from .occluder import BATCH_RAYS
 from .sampling import direction, tangents, turned
 
-MARGIN = np.float32(1e-5)
+MARGIN = np.float32(100.0) * np.finfo(np.float32).eps
 """A box is larger by this, in the unit frame: a hundred roundings."""
 
 

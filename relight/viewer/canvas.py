@@ -17,7 +17,7 @@ from vtkmodules.vtkRenderingCore import (
     vtkTextRenderer,
 )
 
-from ..output.sheet import INK, MARK, PAPER, grey
+from ..output.sheet import INK, MARK, PAPER, SHADE, grey
 
 
 class Style(NamedTuple):
@@ -31,7 +31,7 @@ SMALL, KEY = Style(), Style(bold=True)
 
 OPAQUE = 255
 TEXT, DARK, DIM, WARNING = INK, PAPER, grey(152), MARK
-BAR, CHIP, ON, HANDLE = (*DARK, 215), (*grey(48), OPAQUE), (*MARK, OPAQUE), (*TEXT, OPAQUE)
+BAR, CHIP, ON, HANDLE = (*DARK, 215), (*SHADE, OPAQUE), (*MARK, OPAQUE), (*TEXT, OPAQUE)
 IDLE = *((one + other) // 2 for one, other in zip(MARK, DARK, strict=True)), OPAQUE
 """sRGB bytes of texts, and of what is drawn, with opacity."""
 

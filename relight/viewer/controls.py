@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..transfer.settings import BOUNCES, SHADOWS, SUN
 from .modes import MODES
-from .object_tool import TURN_DEG
 from .window_view import WindowView
 
 if TYPE_CHECKING:
@@ -185,9 +184,9 @@ CONTROLS = (
     Control("j", "save the lamps as lamps.json", lambda window: window.mouse.lamps.save(), there=_has("lamps")),
     Control("6", "objects: drag moves one, with shift up and down", lambda window: window.mouse.objects.toggle(),
             lambda s: "move objects", "choices", lambda s: s.state.arranging, _has("objects")),
-    Control("7", "turn the object clockwise", lambda window: window.mouse.objects.turn(-TURN_DEG),
+    Control("7", "turn the object clockwise", lambda window: window.mouse.objects.turn(-ANGLE_STEP_DEG),
             there=_has("objects")),
-    Control("8", "turn the object counter-clockwise", lambda window: window.mouse.objects.turn(TURN_DEG),
+    Control("8", "turn the object counter-clockwise", lambda window: window.mouse.objects.turn(ANGLE_STEP_DEG),
             there=_has("objects")),
     Control("9", "captured light by hand: drag its sun, right drag too", lambda window: window.mouse.hand.toggle(),
             lambda s: "captured light", "both", lambda s: s.state.by_hand, _has("hand")),

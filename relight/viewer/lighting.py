@@ -26,6 +26,7 @@ from ..light.pooling import pooled
 from ..live.response import SPREAD_BANDS
 from ..options import LightingOptions
 from ..planning.choice import SAFETY
+from ..planning.decide import SAMPLE_VERTICES
 from ..sh import harmonics
 from ..transfer.analytic import analytic
 from ..transfer.checks import checked_albedo
@@ -36,9 +37,6 @@ if TYPE_CHECKING:
     from ..transfer.occluder import Occluder
     from ..transfer.store import Cache
     from ..transfer.volume import Foliage
-
-SAMPLE = 256
-"""Vertices at which the error is measured: its standard deviation is a sixteenth of that over vertices."""
 
 SAMPLE_RAYS = 1024
 """Rays from each of these vertices that gather bounced light: a quarter of the noise of the engine's 64."""
@@ -226,7 +224,7 @@ class SessionLighting:
 
         environment, albedo = self._environment(wish), self.albedos[wish.albedo]
         occluder = self._relighter.occluder
-        rows = np.random.default_rng(0).permutation(len(whole))[:SAMPLE]
+        rows = np.random.default_rng(0).permutation(len(whole))[:SAMPLE_VERTICES]
         key = wish.environment, wish.angle_deg
         if self._sample is None or self._sample[0] != key:
             self._sample = key, reference(occluder, rows, environment, foliage=self._foliage)

@@ -11,9 +11,6 @@ if TYPE_CHECKING:
     from .object_bench import ObjectBench
     from .window_view import WindowView
 
-TURN_DEG = 15.0
-"""Degrees that a key turns an object."""
-
 LEAST_DOWN = 0.02
 """Least slope of a ray to the ground: flatter rays meet it too far away."""
 

@@ -6,11 +6,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ..output.kinds import PICTURE_SIZE
+from ..planning.decide import SAMPLE_VERTICES
 from ..transfer.settings import BOUNCES, SUN
 from .canvas import BAR, CHIP, DARK, DIM, HANDLE, IDLE, KEY, MARGIN, ON, TEXT, WARNING, Canvas
 from .controls import CONTROLS, MOUSE, SLIDERS, Control, Slider, key_name
 from .hand_panel import draw_hand
-from .lighting import SAMPLE, STAGES, FinishedShading
+from .lighting import STAGES, FinishedShading
 from .splats import WAITING
 from .state import RANGES
 
@@ -297,7 +298,7 @@ def _figures(session: "Session") -> list[str]:
     figures, lit = [], session.answers.lit
     if session.answers.error is not None and session.state.mode == "relit":
         planned = f", planned {100 * lit.predicted:.2g} %" if lit is not None and lit.predicted is not None else ""
-        figures.append(f"error {100 * session.answers.error:.2g} %{planned} (traced at {SAMPLE} vertices)")
+        figures.append(f"error {100 * session.answers.error:.2g} %{planned} (traced at {SAMPLE_VERTICES} vertices)")
     if session.light_seconds is not None:
         figures.append(f"light {1e3 * session.light_seconds:.1f} ms")
     if lit is not None and {SUN, BOUNCES} & session.effects:

@@ -39,14 +39,13 @@ def harmonic_light(
 def display_bytes(
     radiance: NDArray,  # (V, 3) float32 linear
     exposure: float,  # display value per unit of radiance
-    out: NDArray | None = None,  # (V, 3) uint8 to write into
 ) -> NDArray:
     """sRGB bytes (V, 3) as of `bytes_from_unit(tone_map(radiance * exposure))`, up to one in the last place.
 
     Source: Khronos PBR Neutral, as `relight.light.tonemap.compress_highlights`.
     """
     radiance = read_only(radiance)
-    out = np.zeros(radiance.shape, np.uint8) if out is None else out
+    out = np.zeros(radiance.shape, np.uint8)
     constants = np.float32(exposure), np.float32(SHOULDER_START), np.float32(DESATURATION)
     in_slices(_display, len(radiance), radiance, *constants, SRGB_BYTES, out)
     return out

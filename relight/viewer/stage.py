@@ -16,7 +16,7 @@ from splat2mesh.scene.drawn import Drawn
 from splat2mesh.scene.scene import Scene
 
 from ..output.catcher import GroundLight
-from ..output.sheet import PAPER, grey
+from ..output.sheet import PAPER, SHADE
 from .camera import Orbit
 from .quick import display_bytes
 from .raster import Raster
@@ -25,7 +25,7 @@ from .splat_painter import SplatPainter
 if TYPE_CHECKING:
     from ..insert.inserts import InsertedLight
 
-BACKDROP = np.array([PAPER, grey(38)], np.float32)
+BACKDROP = np.array([PAPER, SHADE], np.float32)
 """Background of the scene without its sky, bottom and top: sRGB bytes."""
 
 SMOOTH = 2

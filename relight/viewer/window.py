@@ -14,6 +14,7 @@ from vtkmodules.vtkInteractionStyle import vtkInteractorStyleUser
 from splat2mesh.base.errors import InputError
 
 from ..output.images import write_png
+from ..output.kinds import PICTURE_SIZE
 from ..output.preview import default_camera
 from .camera import Orbit
 from .controls import CONTROLS
@@ -27,7 +28,7 @@ from .session import REST_SECONDS, Session
 from .splat_painter import coarser, joined
 from .stage import Stage, pixels
 
-SIZE = 1280, 800
+SIZE = PICTURE_SIZE
 TURN_DEG_PER_SECOND = 36.0  # of a light that turns by itself
 IDLE_SECONDS = 0.005  # between two polls of mouse and worker
 RESTING_OBJECT_SAMPLES = 2  # along the side of a pixel

@@ -19,13 +19,14 @@ from splat2mesh.render.view import View
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.splats import Splats
-from splat2mesh.texture.texture import PIXELS
 
 SIZES = (130_000, 400_000, 1_300_000)
 QUICK = ["2000", "4000", "--each"]
 
 SHOWN, VIEWS = 512, 8
 """Pixels of the pictures that are compared, and views around."""
+
+TEXTURE_PIXELS = 768  # about the side of a picture of 64 for a texture
 
 
 def arguments(parser):
@@ -66,7 +67,7 @@ def _measured(scene, splats, way):
         _, _, seen = timed(lambda: observed(binding, looks, np.eye(3), scene.colors_srgb / 255.0))
     finally:
         sketch.merged_count, binding_module.Places = count, Places
-    picture = timed(lambda: rasterize(splats, views_around(splats, PIXELS[1])[0])).cpu
+    picture = timed(lambda: rasterize(splats, views_around(splats, TEXTURE_PIXELS)[0])).cpu
     light = [np.repeat(1.0 + 0.5 * scene.normals[:, axis, None], 3, axis=1).astype(np.float32) for axis in (0, 1)]
     row = {"drawn": len(binding.sketch), "places": places[0].cpu, "binding": bound}
     return row | {"gloss": looked + seen, "picture": picture}, binding.relit(*light)

@@ -29,7 +29,7 @@ FOLIAGE_CHOICES = ("mesh", "cards", "none")
 DEFAULT_VERTICES = 50_000
 """Vertices of an object. A place gets as many as it needs, but no fewer."""
 
-MOST_STEPS = 3600
+MOST_STEPS = 10_000
 """Angles, or times of a day, in one call."""
 
 DEFAULT_FPS = 24.0

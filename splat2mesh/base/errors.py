@@ -8,6 +8,9 @@ library knows no option, and the message uses the name that the reader typed.
 import re
 from collections.abc import Mapping
 
+MOST_NAMED = 3
+"""Things of one kind that a message names."""
+
 _SETTING = re.compile(r"`(\w+)`")
 
 

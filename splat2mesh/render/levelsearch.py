@@ -28,7 +28,7 @@ FARTHEST_Q = np.float32(12)
 The exponential is good to here, and where its argument is cut here too, no slow denormals arise.
 """
 
-PEAK_REACH = np.float32(math.sqrt(FARTHEST_Q) * 1.01)
+PEAK_REACH = np.float32(math.sqrt(FARTHEST_Q))
 """Standard deviations before a peak where its Gaussian hides nothing yet."""
 
 

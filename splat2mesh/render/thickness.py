@@ -11,14 +11,13 @@ from ..base.arrays import Floats, Matrix4
 from ..scene.optical_depth import MOST, OpticalDepth
 from ..splats.placing import placed
 from ..splats.splats import Splats
-from .opacitygrid import GROWTH, OCCUPIED, nested
+from .opacitygrid import GROWTH, MOST_LEVELS, OCCUPIED, nested
 
 CELLS = 500_000
 """Cells of each grid: a leaf does not matter, a bush does."""
 
-LEVELS, MOST_LEVELS = 3, 6
-"""How many grids, at least and at most: marches use the wider ones far
-from where they begin."""
+LEVELS = 3
+"""How many grids, at least: marches use the wider ones far from where they begin."""
 
 OUTSIDE = 2.0
 """Percent of the thick splats' places along each axis that lie beyond either end of the innermost box."""

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.errors import DataWarning, InputError
+from ..base.errors import MOST_NAMED, DataWarning, InputError
 from ..base.inputs import LARGEST_TEXT, file_size, inside, reading
 from .color import linear_from_srgb, srgb_from_linear
 from .gltftextures import MOST_TEXELS, MappedTexture, decoded
@@ -20,9 +20,6 @@ _ARGUMENTS = {"-blendu": 1, "-blendv": 1, "-cc": 1, "-clamp": 1, "-texres": 1, "
 _ARGUMENTS |= {"-mm": 2, "-type": 1}
 _VECTORS = "-o", "-s", "-t"
 """Options of a picture, and how many words follow; of a vector one to three numbers."""
-
-MOST_NAMED = 3
-"""Materials and pictures that a warning names."""
 
 
 class Material(NamedTuple):

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..base.arrays import Directions, Floats, Indices, Integers, Points
 from ..base.kernels import kernel
 
-STEEPEST = 0.55
+STEEPEST = 0.5
 """Cosine between a face and the plane of its chart, at least: there a texel is stretched to twice its width."""
 
 WIDEST = 400.0

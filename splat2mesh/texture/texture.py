@@ -1,5 +1,6 @@
 """The texture of a scene: an atlas that is as fine as the splats at each place, coloured from views."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -24,8 +25,8 @@ SMALLEST_SIZE, LARGEST_SIZE = 256, 4096
 LEAST_SCALE = 0.8
 """Texels over those wanted, along a length, with which a smaller texture does."""
 
-PIXELS, MOST_PIXELS = (256, 768), 50_000_000
-"""Range of the side of a picture, and how many pixels all pictures may have: 7 bytes each."""
+MOST_PIXELS = 40_000_000
+"""Pixels that all pictures may have: 7 bytes each."""
 
 FINER = 2.0
 """Pixels of a picture along a texel at the typical distance: most of a place is nearer to some view."""
@@ -102,7 +103,7 @@ def texture_of(
         views = [view for look in looks for view in look.views]
         focal = float(np.median([view.fx / max(view.width, view.height) for view in views]))
         wanted = FINER * _typical_depth(scene, views, back) / (focal * atlas.texel_size * unit)
-        pixels = int(np.clip(min(wanted, np.sqrt(MOST_PIXELS / len(views))), *PIXELS))
+        pixels = math.ceil(min(wanted, np.sqrt(MOST_PIXELS / len(views))))
         pictures = Pictures.of(looks, pixels)
     with stages.stage("texels"):
         colors, unseen = _colors(scene, atlas, pictures, back, COARSE * training_pixel(looks[0].splats))

@@ -3,13 +3,10 @@
 from collections.abc import Callable
 from typing import Any
 
-from ..base.errors import UnfinishedError
+from ..base.errors import MOST_NAMED, UnfinishedError
 from ..base.progress import Stages
 from .store import Store
 from .tasks import Done, Task
-
-SHOWN = 5
-"""Failed tasks that a message names."""
 
 
 class TaskSteps:
@@ -50,4 +47,4 @@ class TaskSteps:
 def name_failed(lost: list[Done]) -> str:
     """Some failed tasks and their reasons, in one line; tasks that only waited for others are left out."""
     failed = [done for done in lost if not done.error.startswith("waits")]
-    return "; ".join(f"{done.name}: {done.error}" for done in failed[:SHOWN])
+    return "; ".join(f"{done.name}: {done.error}" for done in failed[:MOST_NAMED])

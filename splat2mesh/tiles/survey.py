@@ -24,9 +24,6 @@ from .tasks import Task
 SAMPLE = 1_000_000
 """Sample of splats for the plan of a city, over all pieces."""
 
-LEAST_SAMPLE = 200
-"""Least samples of a piece, for any number of pieces."""
-
 PIXELS = {"draft": 128, "normal": REFERENCE_PIXELS, "fine": 256}
 """Side of the views by detail."""
 
@@ -50,7 +47,7 @@ def survey(store: Store, number: int, piece: CityPiece, most: int) -> dict[str, 
 
 def survey_tasks(store: Store, pieces: list[CityPiece]) -> list[Task]:
     """The tasks that survey the pieces of a city."""
-    most = max(LEAST_SAMPLE, SAMPLE // len(pieces))
+    most = max(1, SAMPLE // len(pieces))
     return [Task(f"survey {n}", survey, (store, n, piece, most)) for n, piece in enumerate(pieces)]
 
 

@@ -18,14 +18,12 @@ from .cameras_json import views_of_cameras_json
 from .colmap import colmap_models, is_colmap, larger_models, read_colmap
 from .nerfstudio import candidates_of_transforms
 from .poses import Camera
+from .viewpoints import OBJECT_SKETCH
 
 KINDS = "a COLMAP folder such as sparse/0, a cameras.json of INRIA, or a transforms.json of nerfstudio"
 
 NONE = "none"
 """For `cameras`: virtual views, even where cameras would be found."""
-
-LOOKED_AT = 20_000
-"""Number of solid splats that check cameras."""
 
 SEES = 0.001
 """Share of the solid splats that a camera must have in its picture to see the capture: one room of many is 1%."""
@@ -233,7 +231,7 @@ def _solid(splats: Splats) -> Points:
     """Centres of solid splats, evenly picked where there are many: (N, 3)."""
     rows = np.flatnonzero(splats.opacities > SOLID)
     rows = rows if len(rows) else np.arange(len(splats))
-    return splats.means[rows[:: 1 + len(rows) // LOOKED_AT]]
+    return splats.means[rows[:: 1 + len(rows) // OBJECT_SKETCH]]
 
 
 def _sharpness(views: Sequence[View], splats: Splats) -> float:

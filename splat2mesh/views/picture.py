@@ -11,7 +11,7 @@ from ..render.opacitygrid import BEFORE
 from ..render.raycaster import RayCaster
 from ..render.view import View
 from .eyes import Eye
-from .viewpoints import OBJECT_SKETCH, PICTURE_ASPECT, PICTURE_TURNS
+from .viewpoints import ELEVATIONS_DEG, OBJECT_SKETCH, PICTURE_ASPECT, PICTURE_TURNS
 
 FOV_DEG = 70.0
 """Horizontal angle of the picture."""
@@ -19,9 +19,6 @@ FOV_DEG = 70.0
 COLUMNS = 32
 ROWS = round(COLUMNS / PICTURE_ASPECT)
 """Rays of a candidate: enough to distinguish a wall from a garden."""
-
-TILTS_DEG = -6.0, -18.0
-"""Directions tried from each eye: all around, a little and clearly downwards, as people look at places."""
 
 ROOMY = 0.35
 """Distance, in units of the typical one, that the nearest twentieth of a good picture has at least."""
@@ -55,7 +52,7 @@ def _candidates(eyes: Sequence[Eye], trained: Sequence[View], up: Vector) -> lis
     looks = [(view.center, view.forward) for view in trained]
     for eye in eyes:
         for level in level_directions(up, PICTURE_TURNS):
-            looks += [(eye.center, level + np.tan(np.radians(tilt)) * up) for tilt in TILTS_DEG]
+            looks += [(eye.center, level - np.tan(np.radians(down)) * up) for down in ELEVATIONS_DEG]
     return [View.look_at(center, center + forward, up, FOV_DEG, COLUMNS, ROWS) for center, forward in looks]
 
 

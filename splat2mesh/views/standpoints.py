@@ -8,24 +8,23 @@ cameras can have stood: inside a hollow object it is far too short.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..base.arrays import Bounds, Floats, Indices, Integers, Mask, Points, Vector
-from ..base.calibration import NOT_RECORDED, Provenance
 from ..base.errors import InputError
+from ..base.sphere import EVENLY
 from ..render.opacitygrid import OCCUPIED, OpacityGrid
 from ..splats.splats import Splats
 from .eyes import NEAR, Eye
 from .freespace import FreeSpace
 from .overhead import Overhead
-from .viewpoints import even_directions
+from .viewpoints import WANTED_VIEWS, even_directions
 
-PLACES, RAYS, TRIED, LEAST_PLACES = 2500, 256, 40_000, 50
-"""Free places, rays from each, cells tried at random until so many are found, and places without which nobody stood
-inside."""
+PLACES, TRIED, LEAST_PLACES = 2500, 40_000, 50
+"""Free places, cells tried at random until so many are found, and places without which nobody stood inside."""
 
 CLEAR_CELLS = 3
 """Cells around a free place that nothing has OCCUPIED."""
@@ -33,22 +32,16 @@ CLEAR_CELLS = 3
 
 @dataclass(frozen=True)
 class StandpointCalibration:
-    """Evidence for the camera positions.
+    """Evidence for the camera positions, chosen on two real rooms, a generated parlour and garden, and objects.
 
     enclosed, surrounded: share of the rays that meet something: in a room, in the foreground; in the open, also far
     away. least_focal: focal length in pixels that a camera has at least: rooms imply 50 and more, the inside of a
     hollow object 20. room_share, garden_share: of the free places that are enclosed, or surrounded, in a place: 68 and
     43% in two real rooms, 24% in a generated parlour, 67% in a generated garden; objects reach .004 and .1.
     walk_pixels: training pixels across a scene that no single photo holds: whoever captured it walked through it.
-    best: percentile of the share of rays that counts as the best. share_kept, focal_kept, focal_floor: an eye sees at
-    least this part of what the best see, at this part of their median focal length, and at least that.
+    best: percentile of the share of rays that counts as the best. share_kept: an eye sees at least this part of what
+    the best see.
     """
-
-    provenance: ClassVar = Provenance(
-        script=NOT_RECORDED,
-        fitted_on="two real rooms, a generated parlour and garden, and objects (docs/surface.md)",
-        held_out=NOT_RECORDED,
-    )
 
     enclosed: float = 0.7
     surrounded: float = 0.5
@@ -58,8 +51,6 @@ class StandpointCalibration:
     walk_pixels: float = 5000
     best: float = 0.95
     share_kept: float = 0.75
-    focal_kept: float = 0.6
-    focal_floor: float = 30.0
 
 
 STANDPOINTS = StandpointCalibration()
@@ -80,10 +71,7 @@ STRAYS = 2.0
 NEAR_DIAGONAL = 0.002
 """Near plane of an eye, over the scene's diagonal, at least."""
 
-WANTED = 3.0
-"""Eyes after which another one of the same patch of surface adds nothing."""
-
-RENDERED_FOCAL = 1.5 * 192
+RENDERED_FOCAL = 300.0
 """Focal length in pixels at which twice the training pixel is still resolved by the views that are rendered."""
 
 
@@ -165,7 +153,7 @@ class _RayFans(NamedTuple):
 
     @classmethod
     def cast(cls, grid: OpacityGrid, points: Points) -> "_RayFans":
-        directions = even_directions(RAYS)
+        directions = even_directions(EVENLY)
         distance, pixel, level = grid.march(points, directions)
         hit = np.isfinite(distance)
         inner = hit & (level == 0)
@@ -239,8 +227,7 @@ def _chosen(looks: _RayFans, kind: str, hints: int, stands: Mask) -> tuple[Indic
             "`stand` inside: found no free place that sees a surface; name one with `eyes`, or give `stand` outside"
         )
     typical, best = float(np.median(focal[usable])), np.percentile(share, 100 * STANDPOINTS.best)
-    least = min(max(STANDPOINTS.focal_floor, STANDPOINTS.focal_kept * typical), typical)
-    fit = (share >= STANDPOINTS.share_kept * best) & (focal >= least)
+    fit = (share >= STANDPOINTS.share_kept * best) & (focal >= min(STANDPOINTS.least_focal, typical))
     fit = fit & stands if (fit & stands).any() else fit
     fit[:hints] = looks.hit[:hints].any(axis=1)
     kept = np.flatnonzero(fit)
@@ -310,7 +297,7 @@ def _cover(looks: _RayFans, usable: Mask, median: float, first: Integers) -> Ind
     seen = np.zeros(key.max() + 1)
     chosen: list[int] = []
     for _ in range(min(EYES, len(points))):
-        gain = np.bincount(owner, quality * np.maximum(1 - seen[key] / WANTED, 0.02), len(points))
+        gain = np.bincount(owner, quality * np.maximum(1 - seen[key] / WANTED_VIEWS, 0.02), len(points))
         gain[chosen] = -1
         chosen.append(int(first[len(chosen)] if len(chosen) < len(first) else gain.argmax()))
         mine = slice(ends[chosen[-1]], ends[chosen[-1] + 1])

@@ -31,9 +31,9 @@ CANDIDATE_PIXELS = 80
 PICTURE_ASPECT, PICTURE_TURNS = 4 / 3, 12
 """Shape of the picture that a scene is shown with, and how many directions all around are tried for it."""
 
-FLATNESSES, ELEVATIONS_DEG = (0.3, 0.9), (24.0, 10.0)
-"""Height of a thing over its width, and the angle from which its picture looks down on it: a table shows its top, what
-stands upright is seen as one stands before it, with the horizon behind."""
+ELEVATIONS_DEG = 24.0, 10.0
+"""The angle from which a picture looks down on a flat thing, and on one as high as it is wide: a table shows its top,
+what stands upright is seen as one stands before it, with the horizon behind. Of a place both are tried."""
 
 FEW = 100
 """Solid splats that say more of a shape than all splats, or its box, do."""
@@ -60,18 +60,11 @@ SEALED_ROOM_SHARE = 0.6
 """Share of the box above which sealed space counts as a room; the inside of a sphere is half of its box."""
 
 WANTED_VIEWS = 4
-"""Views after which another one of the same cell adds nothing to its coverage."""
+"""Views, or eyes, after which another one of the same patch of surface adds nothing."""
 
 SHARP_ENOUGH = 1.5
-"""A candidate is kept when its median fuzziness is at most this many times that of the sharpest tenth; one
-that shows what no such view does, at most this many times theirs: unseen undersides are fuzzier."""
-
-RESCUE_SHARE, RESCUE_CELLS, SHARP_CELL = 0.25, 4.0, 0.5
-"""Views, over those wanted, that may be added for what no sharp view shows, the cells that each of them must add, and
-the sight of a cell that counts there."""
-
-CHOICE = 0.75
-"""Candidates to choose from, as a multiple of the views wanted: where fewer are sharp, the next sharpest join them."""
+"""A candidate is kept when its median fuzziness is at most this many times that of the sharpest tenth: unseen
+undersides are fuzzier. Where fewer than the views wanted are so sharp, the sharpest are kept."""
 
 
 def bounds_of(splats: Splats) -> NDArray[np.float64]:
@@ -126,7 +119,7 @@ class Judged(NamedTuple):
 def virtual_views(
     splats: Splats, count: int, pixels: int, up: Vector, seed: int = 0, space: FreeSpace | None = None
 ) -> list[View]:
-    """Choose `count` views of a splat, or up to a quarter more where parts of it would go unseen.
+    """Choose `count` views of a splat.
 
     splats: cleaned Splats. pixels: longer side of the views returned.
     up: (3,) unit, the up direction in the splat's frame. seed: for the jitter of the candidates. space: where all of
@@ -217,7 +210,7 @@ def picture_elevation(points: Points, up: Vector) -> float:
     heights = points @ up
     flat = points - np.outer(heights, up)
     width = np.linalg.norm(np.ptp(flat, axis=0)) / np.sqrt(2.0)
-    return np.radians(np.interp(np.ptp(heights) / max(width, 1e-12), FLATNESSES, ELEVATIONS_DEG))
+    return np.radians(np.interp(np.ptp(heights) / max(width, 1e-12), (0.0, 1.0), ELEVATIONS_DEG))
 
 
 def _edges(surface: FieldDepth) -> float:
@@ -293,23 +286,14 @@ def _cover(coverage: Floats, fuzziness: Floats, count: int) -> list[int]:
     if len(usable) == 0:
         return []
     ranked = np.sort(fuzziness[usable])
-    limit = max(SHARP_ENOUGH * np.percentile(ranked, 10), ranked[min(round(CHOICE * count), len(ranked)) - 1])
-    pool, tolerable = usable[fuzziness[usable] <= limit], usable[fuzziness[usable] <= SHARP_ENOUGH * limit]
+    limit = max(SHARP_ENOUGH * np.percentile(ranked, 10), ranked[min(count, len(ranked)) - 1])
+    pool = usable[fuzziness[usable] <= limit]
     seen, shown = np.zeros(coverage.shape[1], np.float32), coverage[pool]
     chosen: list[int] = []
     for _ in range(min(count, len(pool))):
         gain = shown @ np.maximum(1 - seen / WANTED_VIEWS, 0.02)
         gain[np.isin(pool, chosen)] = -1
         chosen.append(int(pool[gain.argmax()]))
-        seen += coverage[chosen[-1]]
-    # What only fuzzier views show, such as a foot seen past an edge, is seen now where it looks sharp itself.
-    sights = np.where(coverage[tolerable] > SHARP_CELL, coverage[tolerable], 0)
-    for _ in range(round(RESCUE_SHARE * count)):
-        gain = sights @ np.maximum(1 - seen, 0)
-        gain[np.isin(tolerable, chosen)] = -1
-        if gain.max() < RESCUE_CELLS:
-            break
-        chosen.append(int(tolerable[gain.argmax()]))
         seen += coverage[chosen[-1]]
     return chosen
 

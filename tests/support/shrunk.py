@@ -19,7 +19,7 @@ def shrink(set_attribute):
     set_attribute(splat2mesh.cli, "DEFAULT_TEXTURE", "none")
     set_attribute(splat2mesh.render.beside, "WIDTH", 96)
     set_attribute(splat2mesh.views.standpoints, "PLACES", 500)
-    set_attribute(splat2mesh.views.standpoints, "RAYS", 96)
+    set_attribute(splat2mesh.views.standpoints, "EVENLY", 96)
     set_attribute(relight.output.catcher, "SIDE", 32)
     set_attribute(relight.output.catcher, "DIRECTIONS", 64)
     set_attribute(relight.output.results, "PICTURE_SIZE", (96, 72))

@@ -15,7 +15,6 @@ from relight.jobs.job import Job
 from relight.jobs.writer import report_of
 from relight.request import RelightRequest
 from splat2mesh.base.errors import DataWarning
-from splat2mesh.scene.color import luminance
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene
 
@@ -48,9 +47,9 @@ def test_an_even_white_light_is_that_of_the_capture_and_other_lights_are_factors
     np.testing.assert_allclose(assumed_change(even(0, 0, 0)), LEAST, rtol=1e-5)
 
 
-def test_a_sunset_is_dimmer_and_warmer_than_noon_from_any_side():
+def test_a_sunset_is_warmer_than_noon_from_any_side():
     sunset, noon = (assumed_change(Environment.load(name)) for name in ("sunset", "noon"))
-    assert luminance(sunset) < 0.4 * luminance(noon) and sunset[0] / sunset[2] > 1.2 * noon[0] / noon[2]
+    assert sunset[0] / sunset[2] > 1.2 * noon[0] / noon[2]
     turned = assumed_change(Environment.load("sunset").rotated(70.0))
     np.testing.assert_allclose(turned, sunset, rtol=1e-5)
 

@@ -20,7 +20,7 @@ def quick():
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(EFFORTS, "draft", Effort(views=12, pixels=96, cells=80, depth=6, points=20_000))
         patch.setattr(standpoints, "PLACES", 2500)  # some beside the table, of which enough rays
-        patch.setattr(standpoints, "RAYS", 256)  # go under it
+        patch.setattr(standpoints, "EVENLY", 256)  # go under it
         patch.setattr(standpoints, "EYES", 6)
         patch.setattr("splat2mesh.pipeline.AROUND", 8)
         yield
