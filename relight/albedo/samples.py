@@ -14,8 +14,8 @@ from ..transfer.neighbors import ranked_nodes
 from ..transfer.occluder import Occluder
 
 SAMPLES = 5000
-"""Places that are tried. With half as many, log light on the trained patio and ceramics is off by .17 and .44 in the mean
-of several draws, for .155 and .37; on spot and tabletop by no more."""
+"""Places that are tried. With half as many, log light on the trained patio and ceramics is off by .17 and .44 in the
+mean of draws, for .155 and .37; on spot and tabletop by no more."""
 
 DIRECTIONS = 1024
 """Directions of the sky, shared by all sample points."""

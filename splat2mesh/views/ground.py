@@ -296,4 +296,3 @@ def _outline(points: Points, normal: Vector) -> int:
 def _along(points: Points, direction: Vector) -> Floats:
     """Dot products, (N,), term by term: the rounding of a matrix product depends on its threads."""
     return points[:, 0] * direction[0] + points[:, 1] * direction[1] + points[:, 2] * direction[2]
-
