@@ -21,10 +21,12 @@ from ..lamps.tracing import DRAFT_RAYS, LitVertices, Ordered, lamplight, ordered
 from ..planning.bounce_plan import plan_first_bounce
 from ..planning.lamp_plan import RayPlan, plan_lamps
 from ..rooms.evenness import Evenness
+from ..rooms.room import AVERAGING_ROUNDS
 from ..transfer.bounces import with_bounces
 from ..transfer.first_bounce import first_bounce
 from ..transfer.occluder import Frame, Occluder
 from .appearance import CAPTURE
+from .relit_room import ROUNDS
 
 if TYPE_CHECKING:
     from ..transfer.bounces import Interreflection
@@ -171,7 +173,7 @@ class LampLight:
         seed = self._relighter.options.seed
         at, rays = LitVertices(leaf=self._leaf), self.plan.rays if rays is None else rays
         light = lamplight(self._receivers, emitters, rays, at=at, least=self._least, seed=seed, advance=advance)
-        return light if self._evenness is None else self._evenness.average(light)
+        return light if self._evenness is None else self._evenness.average(light, AVERAGING_ROUNDS)
 
     @cached_property
     def _evenness(self) -> Evenness | None:
@@ -186,7 +188,7 @@ class LampLight:
         if self._evenness is None:
             return occluder
         receivers = copy.copy(occluder)
-        receivers.normals = self._evenness.average_directions(occluder.normals)
+        receivers.normals = self._evenness.average_directions(occluder.normals, AVERAGING_ROUNDS)
         return receivers
 
     @cached_property
@@ -211,7 +213,7 @@ class LampLight:
         if room is None or self._evenness is None:
             return np.asarray(albedo, np.float32)
         # What few rays and dents make of the captured light would be seen as blotches.
-        light = np.exp(self._evenness.average(np.log(np.maximum(room.irradiance, BLACK))))
+        light = np.exp(self._evenness.average(np.log(np.maximum(room.irradiance, BLACK)), ROUNDS))
         even = np.clip(self._look.captured / light, 0.0, LIGHTEST).astype(np.float32)
         return np.where(room.glow.any(axis=1, keepdims=True), room.albedo, even)
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.errors import DataWarning, InputError
 
-from ..albedo.division import DARKEST, SOFTNESS
+from ..albedo.division import DARKEST
 from ..light.environment import Environment
 from ..rooms.evenness import Evenness
 from ..rooms.room import Room
@@ -23,6 +23,16 @@ from ..transfer.store import array_key
 from .appearance import CAPTURE, Appearance
 from .assumed_light import OUTSIDE, assumed_change
 from .relighter import Relighter, Shading
+
+SOFTNESS = 0.05
+"""Share of the model's median light below which the mean change weighs more than the vertex's own."""
+
+ROUNDS = 16
+"""Times that light is averaged over rings of neighbours: what few rays and the dents of a scanned wall make of the
+light of a window is seen as blotches on it. Of 3 cm each they blur shadows by a hand's breadth."""
+
+MOST = 30.0
+"""Largest change: five stops."""
 
 
 class RelitRoom:
@@ -109,7 +119,7 @@ class RelitRoom:
         lamps as the options say."""
         look, room = self._look, self._known
         after, usual, below = self._compared(outside + self._by_lamps, settings)
-        radiance = look.captured * ((after + usual) / below)
+        radiance = look.captured * np.minimum((after + usual) / below, np.float32(MOST))
         glowing = room.glow.any(axis=1)
         if glowing.any():
             factors = np.array([*self._factors, 1.0], np.float32)[room.lamp_of[glowing], None]
@@ -194,14 +204,14 @@ class RelitRoom:
         shining = after[glowing]
         after[glowing] = room.by_lamps[glowing]
         after, usual, below = self._compared(after, settings)
-        found = look.captured * ((after + usual) / below)
+        found = look.captured * np.minimum((after + usual) / below, np.float32(MOST))
         found[glowing] = shining
         return (found / self._level).astype(np.float32)
 
     def _even_light(self, radiance: NDArray[np.float32]) -> NDArray[np.float32]:
         """Radiance (V, 3) of which the light, not the albedo, is averaged along the surface."""
         albedo = np.maximum(self._known.albedo, np.float32(DARKEST))
-        return albedo * self._evenness.average(radiance / albedo)
+        return albedo * self._evenness.average(radiance / albedo, ROUNDS)
 
     @cached_property
     def _evenness(self) -> "Evenness":

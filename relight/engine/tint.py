@@ -15,13 +15,15 @@ from splat2mesh.scene.color import BLACK, luminance
 from ..albedo.captured import described_light
 from ..albedo.division import Prior, albedo_of
 from ..light.environment import Environment
-from ..rooms.pointing import NEAR
 
 if TYPE_CHECKING:
     from .appearance import Appearance
 
 LEAST_COLOR = 0.02
 """Least value of each colour of the light, at luminance 1: a light without a colour does not show the albedo in it."""
+
+WHITE_RADIUS = 0.01
+"""Radius, in diagonals of the scene, over which colours around a white position are averaged."""
 
 
 def retinted(look: "Appearance", color: NDArray[np.float64], bounced: NDArray[np.float32]) -> "Appearance":
@@ -60,9 +62,9 @@ def color_where_white(
     """
     assert look.capture is not None
     apart = np.linalg.norm(vertices - np.asarray(place, np.float32), axis=1)
-    if apart.min() > NEAR * diagonal:
+    if apart.min() > WHITE_RADIUS * diagonal:
         raise InputError(f"`white_at`: no surface is there, the nearest is {apart.min() / diagonal:.1%} away")
-    near = apart <= NEAR * diagonal
+    near = apart <= WHITE_RADIUS * diagonal
     parts = look.captured, look.irradiance, np.minimum(bounced, look.irradiance)
     own, received, others = (np.median(each[near].astype(np.float64), axis=0) for each in parts)
     direct = received - others

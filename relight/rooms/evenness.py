@@ -9,10 +9,6 @@ from splat2mesh.base.sphere import NO_DIRECTION
 from ..transfer.neighbors import Neighbors
 from ..transfer.occluder import Occluder
 
-ROUNDS = 6
-"""Rounds of averaging, each of which reaches one ring further: what few rays and the dents of a scanned wall make of a
-light is seen as blotches on it."""
-
 OWN = 1.0
 """Weight of a vertex's own value, against weights of at most 1 for those of its ring."""
 
@@ -30,15 +26,17 @@ class Evenness:
         self._blend = scipy.sparse.diags_array(1.0 / np.asarray(rows.sum(axis=1)).ravel()).tocsr() @ rows
         self._vertices, self._node = neighbors.vertices, neighbors.node
 
-    def average(self, values: NDArray[np.floating]) -> NDArray[np.float32]:
-        """The values (V,) or (V, C) averaged, float32. Vertices that agree in position and normal have the same."""
+    def average(self, values: NDArray[np.floating], rounds: int) -> NDArray[np.float32]:
+        """The values (V,) or (V, C) averaged so many times, each of which reaches one ring further; float32.
+
+        Vertices that agree in position and normal have the same."""
         nodes = np.asarray(values, np.float64)[self._vertices]
-        for _ in range(ROUNDS):
+        for _ in range(rounds):
             nodes = self._blend @ nodes
         return nodes[self._node].astype(np.float32)
 
-    def average_directions(self, normals: NDArray[np.float32]) -> NDArray[np.float32]:
+    def average_directions(self, normals: NDArray[np.float32], rounds: int) -> NDArray[np.float32]:
         """The same of unit normals (V, 3), unit again; where neighbours cancel out, the given ones."""
-        mean = self.average(normals)
+        mean = self.average(normals, rounds)
         length = np.linalg.norm(mean, axis=1, keepdims=True)
         return np.where(length > NO_DIRECTION, mean / np.maximum(length, NO_DIRECTION), normals).astype(np.float32)

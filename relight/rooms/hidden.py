@@ -13,7 +13,7 @@ import scipy
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Floats, Integers, Mask
-from splat2mesh.base.sphere import EVENLY, fibonacci_sphere
+from splat2mesh.base.sphere import fibonacci_sphere
 from splat2mesh.scene.measured import CapturedSky
 from splat2mesh.scene.scene import Scene
 
@@ -21,12 +21,14 @@ from ..albedo import samples
 from ..albedo.skylight import GROUND, SkyParts
 from ..transfer.occluder import BATCH_RAYS, Frame, Occluder
 from ..transfer.store import Cache
-from .interior import MOST_CLOSED, within
-from .lamps import MOST_OPEN
+from .interior import LOOKS, MOST_CLOSED, within
 from .seen import seen_from
 
 CELLS = 1e6
 """Cells of the box around the hull: 4 cm in a room of 5 m."""
+
+MOST_OPEN = 0.5
+"""Mean visible part of the sky from which a surface stands outside, in front of a window."""
 
 ERODED = 1
 """Cells by which hidden volumes are smaller than what was not seen: rays that graze furniture stay free."""
@@ -34,7 +36,7 @@ ERODED = 1
 SIDES, TRIMMED = 64, 0.01
 """Planes of the hull, and the part of the visible surface beyond each: what windows show outside, and frames."""
 
-TRIED = 16
+TRIED, TRIED_EACH = 4, 16
 """Directions from each surface seen, to tell a closed room before any light is computed, and what stands outside it."""
 
 PORTAL, LINES = 3, 8192
@@ -44,6 +46,9 @@ LEAST_SHOWN, LEAST_LINES = 0.15, 8
 """Share of the rising lines through a window that show captured sky, and lines without which a hole is a pinhole. The
 windows of a trained parlour have .72, the hole beside its lamp .07; windows of generated lounges and of a trained one
 .41 to .52, that of a box .44 and a hole of its ceiling .01."""
+
+OUTDOORS = 0.35
+"""Part of the sky above which a surface stands outside, seen through a window: sills have up to a half of it."""
 
 
 def hidden_volumes(scene: Scene, occluder: Occluder) -> NDArray[np.float32]:
@@ -60,7 +65,7 @@ def hidden_volumes(scene: Scene, occluder: Occluder) -> NDArray[np.float32]:
     if not seen.any():
         return none
     indoors = np.flatnonzero(seen)
-    indoors = indoors[_sky_seen(occluder, indoors) < MOST_OPEN]
+    indoors = indoors[_sky_seen(occluder, indoors, TRIED_EACH) < OUTDOORS]
     if not len(indoors):
         return none
     hull = Hull.around(occluder.origins[indoors].astype(np.float64), samples.vertex_areas(occluder)[indoors])
@@ -99,25 +104,25 @@ def kept_volumes(scene: Scene, cache: Cache, occluder: Occluder) -> NDArray[np.f
 
 def _sky_part(occluder: Occluder, eyes: NDArray[np.float32]) -> float:
     """Mean part of the sky over the fronts of the surfaces that eyes (E, 3), unit frame, see; 1 without any."""
-    directions = fibonacci_sphere(EVENLY)
-    rays = np.hstack([np.repeat(eyes, EVENLY, axis=0), np.tile(directions, (len(eyes), 1))]).astype(np.float32)
+    directions = fibonacci_sphere(LOOKS)
+    rays = np.hstack([np.repeat(eyes, LOOKS, axis=0), np.tile(directions, (len(eyes), 1))]).astype(np.float32)
     hits = occluder.first_hits(rays)
     rows = occluder.faces[np.maximum(hits.faces, 0), 0]
     front = (hits.faces >= 0) & (np.einsum("ij,ij->i", occluder.normals[rows], rays[:, 3:]) < 0.0)
     rows = rows[front]
     if not len(rows):
         return 1.0
-    return float(_sky_seen(occluder, rows).mean())
+    return float(_sky_seen(occluder, rows, TRIED).mean())
 
 
-def _sky_seen(occluder: Occluder, rows: Integers) -> NDArray[np.float64]:
-    """Part of the sky that vertices (R,) see, of TRIED directions, weighted as matt surfaces weigh it."""
-    directions, free = fibonacci_sphere(EVENLY), np.zeros(len(rows))
-    size = BATCH_RAYS // TRIED
+def _sky_seen(occluder: Occluder, rows: Integers, count: int) -> NDArray[np.float64]:
+    """Part of the sky that vertices (R,) see, of so many directions, weighted as matt surfaces weigh it."""
+    directions, free = fibonacci_sphere(LOOKS), np.zeros(len(rows))
+    size = BATCH_RAYS // count
     for start in range(0, len(rows), size):
         part = rows[start : start + size]
         # A unit vector around the normal: the cosine lobe. Each place takes others of the directions.
-        turn = (7 * (start + np.arange(len(part)))[:, None] + np.arange(TRIED) * (EVENLY // TRIED)) % EVENLY
+        turn = (7 * (start + np.arange(len(part)))[:, None] + np.arange(count) * (LOOKS // count)) % LOOKS
         toward = occluder.normals[part, None] + directions[turn]
         toward /= np.maximum(np.linalg.norm(toward, axis=2, keepdims=True), 1e-6)
         origins = np.broadcast_to(occluder.origins[part, None], toward.shape)

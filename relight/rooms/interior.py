@@ -11,10 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Floats, Points
-from splat2mesh.base.sphere import EVENLY, fibonacci_sphere
+from splat2mesh.base.sphere import fibonacci_sphere
 from splat2mesh.scene.scene import Scene
 
 from ..transfer.occluder import Frame, Occluder
+
+LOOKS = 512
+"""Directions from each place where the capture stood."""
 
 MOST_CLOSED = 0.15
 """Mean part of the sky that reaches what is seen from where the capture stood, up to which a place is a closed room. A
@@ -54,8 +57,8 @@ def sky_seen(scene: Scene, occluder: Occluder, visible: Floats, eyes: Points) ->
 
     Backs of faces, which are not meant to be seen, do not count.
     """
-    directions = fibonacci_sphere(EVENLY)
-    places = np.repeat(Frame.around(scene.vertices, scene.faces).unit(eyes), EVENLY, axis=0)
+    directions = fibonacci_sphere(LOOKS)
+    places = np.repeat(Frame.around(scene.vertices, scene.faces).unit(eyes), LOOKS, axis=0)
     rays = np.hstack([places, np.tile(directions, (len(eyes), 1))]).astype(np.float32)
     faces = occluder.first_hits(rays).faces
     hit = np.flatnonzero(faces >= 0)

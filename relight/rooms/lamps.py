@@ -15,6 +15,7 @@ from splat2mesh.render.raycaster import FREE
 
 from ..transfer.neighbors import ranked_nodes
 from ..transfer.occluder import Occluder
+from .interior import MOST_CLOSED
 
 WHITE, PALE = 0.85, 0.75
 """Least linear value of the brightest channel: somewhere on a lamp, and everywhere on it. A clipped pixel is 1, but a
@@ -44,9 +45,6 @@ UPWARD = 0.5
 FLAT = 0.85
 """Length of the mean normal from which something white is a flat patch: on a ceiling a lamp, on a wall more likely a
 spot of sun, a window or a screen."""
-
-MOST_OPEN = 0.5
-"""Mean visible fraction of the sky above which what is seen through a window stands outside: sills have up to this."""
 
 SPOTS = 24
 """Points on each lamp that light comes from: the hard edges of so many shadows lie closer together than vertices."""
@@ -114,7 +112,7 @@ def find(
         weight = areas[rows] / areas[rows].sum()
         normal = weight @ occluder.normals[rows].astype(np.float64)
         upright = np.linalg.norm(normal) > FLAT and normal[1] > -UPWARD
-        if upright or normal[1] > UPWARD or weight @ visible[rows] > MOST_OPEN:
+        if upright or normal[1] > UPWARD or weight @ visible[rows] > MOST_CLOSED:  # the sky, meshed behind a pane
             continue
         around = np.flatnonzero(glow == glow[rows[0]])
         color = areas[around] / areas[around].sum() @ captured[around].astype(np.float64)

@@ -20,9 +20,10 @@ SCALES = (1.0, 0.5, 0.3)
 STEPS = 8
 """Gauss-Newton steps at each scale, at most."""
 
-STRENGTH = 2e-3
+STRENGTH = 2e-4
 """Weight of the prior against a mean over pairs: it decides only where the scene does not."""
 
+_SMALL_STEP = 1e-4  # of log radiance: no colour changes visibly
 _DAMPING = (1e-6, 1e3)  # of Levenberg and Marquardt, least and most, as parts of the diagonal
 
 
@@ -45,9 +46,10 @@ def solve(
     weights: NDArray[np.float64],  # (P,)
     start: NDArray[np.float64],  # theta (M, 3) that the prior pulls towards
     prior: NDArray[np.float64],  # (3 M, 3 M) of (theta - start)^T prior (theta - start), colours outermost
+    begin: NDArray[np.float64] | None = None,  # (M, 3) to begin with at the finer scales; without, the start, at all
 ) -> Fit:
     """The Fit that minimises sum w rho(|difference of log albedo| / scale) + STRENGTH * prior."""
-    theta = start.copy()
+    theta = (start if begin is None else begin).copy()
     pull = STRENGTH * prior
 
     def log_albedo_of(theta: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -61,7 +63,7 @@ def solve(
         return float(weights @ (square / (1.0 + square)) + off @ pull @ off)
 
     log_albedo, slope = log_albedo_of(theta)
-    for scale in SCALES:
+    for scale in SCALES if begin is None else SCALES[1:]:
         cost, damping = cost_of(log_albedo, theta, scale), _DAMPING[0]
         for _ in range(STEPS):
             hessian, gradient = _normal(*differences(log_albedo, pairs, weights, scale), slope, pairs)
@@ -78,7 +80,7 @@ def solve(
                 break
             (log_albedo, slope), theta, gain, cost = tried, theta + step, cost - new_cost, new_cost
             damping = max(damping / 10.0, _DAMPING[0])
-            if gain < 1e-5 * cost:
+            if np.abs(step).max() < _SMALL_STEP or gain < 1e-5 * cost:
                 break
     hessian, _ = _normal(*differences(log_albedo, pairs, weights, SCALES[-1]), slope, pairs)
     return Fit(theta, cost, hessian)

@@ -9,21 +9,23 @@ from splat2mesh.base.arrays import Mask
 from splat2mesh.base.errors import InputError
 
 from ..transfer.occluder import Occluder
-from .lamps import GLOWS, PALE, Lamp, Pieces
+from .lamps import GLOWS, Lamp, Pieces
+
+FAR = 0.05
+"""Largest distance from a surface, in diagonals, at which a position points at it."""
 
 NEAR = 0.015
-"""How far about a place, in diagonals, a surface is meant by it, and about the nearest one the brightest vertex. 11 cm
-in a room of 7.5 m across; a place that is read off a viewer lies that far beside a small lamp."""
+"""The same, about the nearest surface: the brightest vertex there is meant. 11 cm in a room of 7.5 m across; a place
+that is read off a viewer lies that far beside a small lamp."""
 
 REACH = 0.1
-"""The same: how far the lamp goes at most about that vertex, or a white wall beside it would be part of it; and how far
-a place that points at a surface may be from it."""
+"""The same, about that vertex: how far the lamp goes at most, or a white wall beside it would be part of it."""
 
 LEAST_PEAK = 0.3
 """Least linear value of the brightest channel of a possible lamp, over white."""
 
-AS_GLOW = 0.5
-"""Of the brightest vertex: least peak of the glow around a lamp, which has its colour. PALE of it is the lamp."""
+AS_BRIGHT, AS_GLOW = 0.75, 0.5
+"""Of the brightest vertex: least peak of what belongs to its lamp, and of the glow around it, which has its colour."""
 
 
 def lamps_at(
@@ -44,7 +46,7 @@ def lamps_at(
     for place, name in zip(np.asarray(places, np.float64), names, strict=True):
         away = np.linalg.norm(occluder.origins - place, axis=1)
         nearest = float(away.min())
-        if not nearest <= REACH:
+        if not nearest <= FAR:
             problem = f"the nearest surface is {nearest:.0%} of the scene's diagonal away"
             raise InputError(f"`lamps` {name}: {problem}; expected a place on a lamp, in the frame of the splat")
         around = np.flatnonzero(away <= nearest + NEAR)
@@ -84,7 +86,7 @@ def _grown(
         piece = pieces.of(chosen)
         return np.flatnonzero(piece == piece[seed])
 
-    rows = joined(near & (peak >= PALE * peak[seed]))
+    rows = joined(near & (peak >= AS_BRIGHT * peak[seed]))
     around = joined(near & (peak >= AS_GLOW * peak[seed]))
 
     def mean(of: NDArray[np.int64], values: NDArray[np.floating]) -> NDArray[np.float64]:

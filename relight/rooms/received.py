@@ -16,8 +16,8 @@ from ..albedo.skylight import GROUND, SkyParts
 from ..transfer.facing import met_in_front
 from ..transfer.occluder import Occluder
 
-DIRECTIONS = 2048
-"""Directions per point that search for windows: 4.5 degrees apart."""
+PLACES, DIRECTIONS = 2500, 2048
+"""Sample points on the surface, and directions per point that search for windows: 4.5 degrees apart."""
 
 HITS = 4
 """One direction in this many samples the light from other surfaces."""
@@ -28,15 +28,18 @@ paint: with pairs by distance alone, albedo agreed less than captured colours.""
 
 CELLS, MOST_PATCHES = 400, 24
 """Cells of the sphere, 10 degrees wide, for the patches of a sky in windows, and the largest number of patches: the
-brightest cells. Other cells join the nearest patch. With 256 cells a trained parlour loses .3 dB."""
+brightest cells. Other cells join the nearest patch."""
 
-LEAST_OPEN = 0.02
-"""Mean visible share of the sky above which windows are an emitter. Holes of an office let in .002, those of an
-exhibition room with a glossy floor .014, which turned patches of a green wall blue."""
+LEAST_OPEN, LEAST_UNSEEN = 0.01, 0.02
+"""Mean visible share of the sky above which windows are an emitter, and the same where no sky was captured in them:
+then they are more likely holes. Holes of an office let in .002, those of an exhibition room with a glossy floor .014,
+which turned patches of a green wall blue."""
+
+LEAST_ABOVE = 0.02
+"""Least visible steradians of the sky above the horizon that represent the invisible rest."""
 
 SATURATED = 0.97
-"""Linear colour from which a point carries no information about its light. By the display value from which photographs
-may be clipped, .93, the lamp of a trained parlour comes out a third too strong."""
+"""Range of linear colours in which a point carries information about its light."""
 
 
 class RoomIrradiance(NamedTuple):
@@ -88,7 +91,7 @@ def places_of(
     """Gather the light that sample points of a room receive from each emitter; no points if no vertex is usable."""
     normals, captured, areas, usable = surface
     exposed = usable & (captured.min(axis=1) > DARK) & (captured.max(axis=1) < SATURATED)
-    vertices = samples.places(occluder, areas, exposed, samples.SAMPLES, seed)
+    vertices = samples.places(occluder, areas, exposed, PLACES, seed)
     directions = fibonacci_sphere(DIRECTIONS)
     unlit = captured.copy()
     for rows in lamps:
@@ -98,7 +101,7 @@ def places_of(
     emitters = [np.repeat(light[vertices, None].astype(np.float64), 3, axis=1) for light in lamp_light]
     known: NDArray[np.float64] = np.zeros((len(vertices), 3))
     patches: Directions = np.zeros((0, 3))
-    opened = len(vertices) and float(free.sum(axis=1).mean()) > LEAST_OPEN
+    opened = len(vertices) and float(free.sum(axis=1).mean()) > (LEAST_UNSEEN if sky is None else LEAST_OPEN)
     if opened and through is not None:
         if through[vertices].any():  # one emitter, whose shape is known
             patches = np.array([[0.0, 1.0, 0.0]])
@@ -139,7 +142,7 @@ def _mean_above(sky: CapturedSky) -> tuple[NDArray[np.float64], NDArray[np.float
     areas = np.repeat(row_solid_angles(height, width), width, axis=1)
     seen = areas[..., None] * (sky.bound + sky.clipped)
     above = np.where(texel_directions(height, width)[..., 1:2] > 0.0, seen, 0.0)
-    weight = above if above.any() else seen
+    weight = above if above.sum() > LEAST_ABOVE else seen
     total = np.maximum(weight.sum(axis=(0, 1)), 1e-9)
     share = np.maximum(sky.bound + sky.clipped, 1e-9)
     known = (weight * (sky.bound * sky.radiance + sky.clipped) / share).sum(axis=(0, 1)) / total

@@ -40,6 +40,9 @@ how bright all lamps are together is known within a factor of two."""
 LEAST_SEEN = 0.3
 """Share of a lamp's area that must have been seen from where the capture stood."""
 
+AVERAGING_ROUNDS = 6
+"""Rounds in which the light of a lamp is averaged over neighbours: scans of rooms have noisy normals."""
+
 
 class Room(NamedTuple):
     """The light in a closed room, scene of V vertices, unit of the captured colours.
@@ -137,7 +140,7 @@ class _Shown(NamedTuple):
             seen=seen,
             below=below_ceiling(occluder, eyes),
             even=even,
-            normals=even.average_directions(occluder.normals),
+            normals=even.average_directions(occluder.normals, AVERAGING_ROUNDS),
             bounce=transport.interreflection.bounce(captured),
             known=None if light is None else WindowLight.of(light, occluder, transport.transfer, weights),
         )
@@ -150,7 +153,7 @@ class _Shown(NamedTuple):
 
     def light_of(self, lamp: lamps.Lamp) -> NDArray[np.float32]:
         light = lamps.light_of(lamp, self.occluder, self.areas, self.normals)
-        return self.even.average(light)
+        return self.even.average(light, AVERAGING_ROUNDS)
 
 
 class _Search:

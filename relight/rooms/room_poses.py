@@ -8,7 +8,7 @@ from ..transfer.bounces import Interreflection, with_bounces
 from ..transfer.occluder import Occluder
 from .evenness import Evenness
 from .lamps import Lamp, light_of
-from .room import Room
+from .room import AVERAGING_ROUNDS, Room
 
 
 class RoomPoses:
@@ -35,11 +35,11 @@ class RoomPoses:
     def _under(self, occluder: Occluder) -> NDArray[np.float32]:
         """(L, V) light of each lamp at radiance 1, as `room_of` finds it."""
         even = Evenness(occluder)
-        normals = even.average_directions(occluder.normals)
+        normals = even.average_directions(occluder.normals, AVERAGING_ROUNDS)
         found = np.zeros((len(self._lamps), len(occluder.origins)), np.float32)
         for light, lamp in zip(found, self._lamps, strict=True):
             if len(lamp.rows):
-                light[:] = even.average(light_of(lamp, occluder, self._areas, normals))
+                light[:] = even.average(light_of(lamp, occluder, self._areas, normals), AVERAGING_ROUNDS)
         return found
 
     def _bounced(self, each: NDArray[np.float32], interreflection: Interreflection) -> NDArray[np.float32]:

@@ -39,16 +39,19 @@ the sky around it, is another light, and its colour is its own. A low one has 2.
 blue sky: with colours within .25 its glow stayed on a parlour's wall. Only differences are free: the mean colour of the
 parts keeps to COLOR, or windows take up the errors of a mesh as a tint."""
 
-OWN = 0.01
-"""Part of the variance of a part of the sky that it has for itself, in brightness and colour."""
+LEAST_OWN = 1e-4
+"""Part of PATCH_COLOR^2 by which the mean colour of the parts may differ from that of the whole."""
+
+WEIGHT = 10.0
+"""Of the prior on how emitters differ, over `pair_fit.STRENGTH`."""
 
 STIFF = 1e3
 """Extra stiffness of the prior on the common brightness of all emitters: pairs of a scanned office would rather have no
 lamps at all (albedo .8), since the errors of its mesh make the light of lamps uneven. So the median albedo decides the
 brightness of all together, and pairs decide the share of each."""
 
-LOG_STRENGTH = 8.0
-"""How far from the start the logarithm of the strength common to all emitters is sought."""
+LOG_STRENGTHS = -8.0, 8.0
+"""Range, about the start, in which the logarithm of the strength common to all emitters is sought."""
 
 SAMPLES = 4
 """Samples of places whose strengths are averaged. From one to another of a trained parlour the lamp came out between 20
@@ -109,7 +112,7 @@ def solve(places: RoomIrradiance, colors: NDArray[np.float64]) -> Strengths | No
 
     prior = _prior(places)
     for _ in range(SOLVER_ROUNDS):
-        start = start + minimize_scalar(unusual, bounds=(-LOG_STRENGTH, LOG_STRENGTH), method="bounded").x
+        start = start + minimize_scalar(unusual, bounds=LOG_STRENGTHS, method="bounded").x
         found = pair_fit.solve(light, places.log_captured, places.pairs, places.weights, start, prior)
         start = found.theta
     radiance = np.exp(found.theta)
@@ -173,11 +176,12 @@ def _prior(places: RoomIrradiance, stiff: float = STIFF) -> NDArray[np.float64]:
     common = _common(places)
     gray = np.full((3, 3), 1.0 / 3.0)
     own = np.eye(count - lamps)
-    bright = precision(SPREAD, PATCH_SPREAD, alike + OWN * own)
+    bright = precision(SPREAD, PATCH_SPREAD, alike + 0.01 * own)
     bright += (stiff - 1.0) / SPREAD**2 * np.outer(common, common)
     beside = own - 1.0 / max(count - lamps, 1)
-    color = precision(COLOR, PATCH_COLOR, beside @ alike @ beside + OWN * own)
-    return np.asarray(np.kron(gray, bright) + np.kron(np.eye(3) - gray, color), np.float64)
+    color = precision(COLOR, PATCH_COLOR, beside @ alike @ beside + LEAST_OWN * own)
+    parts = np.kron(gray, bright) + np.kron(np.eye(3) - gray, color)
+    return parts * WEIGHT
 
 
 def _common(places: RoomIrradiance) -> NDArray[np.float64]:

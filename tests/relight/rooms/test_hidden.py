@@ -94,8 +94,8 @@ def test_what_is_seen_through_a_window_is_no_part_of_the_room(monkeypatch):
     """A wall across the street: between it and the window nobody saw the sky, which steep light comes from."""
     yard = scene_of([(part.vertices, part.normals, part.faces) for part in room().chunks] + [street()])
     steep = ray(caster_of(yard)[1], (0, 0.1, 1.0), (0, 1.6, 2.0))
-    for outdoors, blocked in ((hidden.MOST_OPEN, False), (2.0, True)):
-        monkeypatch.setattr(hidden, "MOST_OPEN", outdoors)
+    for outdoors, blocked in ((hidden.OUTDOORS, False), (2.0, True)):
+        monkeypatch.setattr(hidden, "OUTDOORS", outdoors)
         occluder, _ = caster_of(yard)
         occluder.shut(hidden.hidden_volumes(yard, occluder))
         assert occluder.occluded(steep).all() == blocked

@@ -77,20 +77,20 @@ def test_an_eye_sees_fronts_that_nothing_hides():
 def test_averages_keep_what_is_even_and_the_mean_of_a_pair():
     vertices, normals, faces = sheet(1.0, 0.0, UP, 6)
     even = Evenness(Occluder(vertices, normals, faces))
-    np.testing.assert_allclose(even.average(np.full((len(vertices), 3), 0.7)), 0.7, rtol=1e-6)
+    np.testing.assert_allclose(even.average(np.full((len(vertices), 3), 0.7), 5), 0.7, rtol=1e-6)
     # A linear ramp is kept by any mean over a ring that is even about its middle; the middle of the sheet is.
-    ramp = even.average(vertices[:, 0].astype(np.float64))
+    ramp = even.average(vertices[:, 0].astype(np.float64), 1)
     middle = np.argmin(np.linalg.norm(vertices, axis=1))
     assert ramp[middle] == pytest.approx(0.0, abs=1e-6)
     noisy = np.random.default_rng(0).normal(size=len(vertices))
-    assert even.average(noisy).std() < 0.5 * noisy.std()
+    assert even.average(noisy, 4).std() < 0.5 * noisy.std()
 
 
 def test_a_mean_of_directions_has_length_one():
     vertices, normals, faces = sheet(1.0, 0.0, UP, 6)
     tilted = normals + np.random.default_rng(1).normal(scale=0.2, size=normals.shape)
     tilted = (tilted / np.linalg.norm(tilted, axis=1, keepdims=True)).astype(np.float32)
-    mean = Evenness(Occluder(vertices, normals, faces)).average_directions(tilted)
+    mean = Evenness(Occluder(vertices, normals, faces)).average_directions(tilted, 4)
     np.testing.assert_allclose(np.linalg.norm(mean, axis=1), 1.0, rtol=1e-5)
     assert mean[:, 1].mean() > tilted[:, 1].mean()
 
