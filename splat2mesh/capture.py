@@ -11,9 +11,9 @@ from .options import ConvertOptions
 from .render.view import View
 from .splats.cleaning import clean, usable
 from .splats.extent import check_extent
+from .splats.foreground import far_background, foreground_ball
 from .splats.formats import read_splats
 from .splats.splats import Splats
-from .surface.background import far_background, foreground_ball
 from .views.located import located_views
 from .views.panes import sky_in_panes
 from .views.standpoints import Standpoints, standpoints

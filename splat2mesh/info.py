@@ -15,10 +15,10 @@ from .layout import is_layout, read_layout
 from .options import ConvertOptions
 from .render.view import View
 from .splats.cleaning import REASONS, usable
+from .splats.foreground import far_background
 from .splats.formats import parts_of, read_splats
 from .splats.formats.register import BY_KIND, kind_of_file
 from .splats.splats import MIN_SPLATS, Splats
-from .surface.background import far_background
 from .views.cameras import KINDS as CAMERA_KINDS
 from .views.cameras import read_cameras
 from .views.colmap import colmap_models, is_colmap

@@ -37,7 +37,7 @@ from splat2mesh.surface.extract import EFFORTS, Effort
 shrink(setattr)
 splat2mesh.pipeline.DEFAULT_VERTICES = 5000
 for detail in EFFORTS:
-    EFFORTS[detail] = Effort(views=12, pixels=96, cells=80, depth=6, points=20_000)
+    EFFORTS[detail] = Effort(views=12, pixels=96, cells=80)
 """
 
 

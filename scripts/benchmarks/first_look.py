@@ -30,8 +30,8 @@ from relight.light.loading import light_of
 from relight.output.picture import RelitPicture
 from scenes.pictures import Pictures
 from splat2mesh.scene.scene import Scene
+from splat2mesh.splats.foreground import far_background
 from splat2mesh.splats.formats import read_splats
-from splat2mesh.surface.background import far_background
 
 QUICK = ["--kind", "object", "--splats", "3000"]
 

@@ -2,12 +2,10 @@
 
 from typing import NamedTuple
 
-NOT_RECORDED = "not recorded"
-
 
 class Provenance(NamedTuple):
     """The origin of the numbers of a calibration. script: the command that fitted or checks them. fitted_on: scenes.
-    held_out: the error on scenes that they were not fitted on. Each is NOT_RECORDED where unknown."""
+    held_out: the error on scenes that they were not fitted on. A calibration of which one is unknown has none."""
 
     script: str
     fitted_on: str

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..base.arrays import Floats, Indices, Integers, Mask, Matrix3, Points, Quaternions, Vector
 from ..base.errors import InputError
 from ..base.kernels import kernel
-from ..base.threads import read_only, shared
+from ..base.threads import cores, read_only, shared
 from ..splats.splats import INVISIBLE_OPACITY, Splats
 from .view import View
 from .viewdirection import harmonics_of_direction
@@ -29,7 +29,6 @@ ONE = np.float32(1)
 
 TILE = 16  # pixels along a tile's side
 BATCH = 32768  # splats projected and binned at a time: bounds the memory, and hidden batches are never binned
-CHUNKS = 16  # pieces of a batch that threads bin independently
 COUNT_ONLY = np.zeros(0, np.int32)  # in place of entries: footprints are counted, not listed
 
 # One splat in the image: exp(-q/2), q = precision_y dy^2 + precision_x (dx - slope dy)^2. Unlike the usual
@@ -96,17 +95,18 @@ def footprint_batches(splats: Splats, camera: Camera, open_tiles: Mask) -> Itera
     depth = np.empty(len(splats), np.float32)
     _cull(len(splats), gaussians, camera, depth)
     order = _front_to_back(depth)
+    chunks = cores()  # pieces of a batch that threads bin independently
     for start in range(0, len(order), BATCH):
         batch = order[start : start + BATCH]
         footprints = np.zeros(len(batch), FOOTPRINT)
-        counts = np.zeros((CHUNKS, tiles), np.int64)
-        _project(CHUNKS, gaussians, camera, batch, open_tiles, footprints, counts, np.zeros((CHUNKS, 16)), COUNT_ONLY)
+        counts = np.zeros((chunks, tiles), np.int64)
+        _project(chunks, gaussians, camera, batch, open_tiles, footprints, counts, np.zeros((chunks, 16)), COUNT_ONLY)
         # Tile after tile, and within a tile chunk after chunk: so each tile's list keeps the depth order.
         ends = counts.T.ravel().cumsum()
-        cursors = np.ascontiguousarray((ends - counts.T.ravel()).reshape(tiles, CHUNKS).T)
+        cursors = np.ascontiguousarray((ends - counts.T.ravel()).reshape(tiles, chunks).T)
         starts = np.append(cursors[0], ends[-1])
         entries = np.empty(ends[-1], np.int32)
-        _fill(CHUNKS, footprints, camera, open_tiles, cursors, entries)
+        _fill(chunks, footprints, camera, open_tiles, cursors, entries)
         yield Batch(batch, footprints, starts, entries)
         if not open_tiles.any():
             return
@@ -181,8 +181,8 @@ def _project(
     basis: Floats,
     entries: Integers,
 ) -> None:
-    """Footprints of the splats order[i], and how many of each chunk touch each open tile: (CHUNKS, tiles). basis:
-    (CHUNKS, 16), room for harmonics. entries: none, as nothing is listed yet."""
+    """Footprints of the splats order[i], and how many of each chunk touch each open tile: (chunks, tiles). basis:
+    (chunks, 16), room for harmonics. entries: none, as nothing is listed yet."""
     chunks, n = counts.shape[0], len(order)
     for chunk in range(begin, end):
         for i in range(chunk * n // chunks, (chunk + 1) * n // chunks):
@@ -203,7 +203,7 @@ def _fill(
     cursors: Integers,
     entries: Integers,
 ) -> None:
-    """Write each footprint's index into the lists of its open tiles. cursors: (CHUNKS, tiles), consumed."""
+    """Write each footprint's index into the lists of its open tiles. cursors: (chunks, tiles), consumed."""
     chunks, n = cursors.shape[0], len(footprints)
     for chunk in range(begin, end):
         for i in range(chunk * n // chunks, (chunk + 1) * n // chunks):

@@ -23,6 +23,7 @@ from ..base.threads import shared
 from ..splats.splats import Splats
 from .footprints import (
     MAX_ALPHA,
+    MIN_ALPHA,
     NEAR,
     TILE,
     Batch,
@@ -42,13 +43,15 @@ FIELD_LEVEL = 0.45
 """Opacity at which the surface lies."""
 
 LIST = 48
-"""Gaussians kept for each pixel, nearest first; those behind them hardly ever matter."""
-
-MIN_WEIGHT = np.float32(0.004)
-"""Share of the pixel below which a Gaussian is left out of the list: it moves the opacity by less than that."""
+"""Gaussians kept for each pixel, nearest first; those behind them hardly ever matter, nor those that hide less of it
+than MIN_ALPHA."""
 
 ENOUGH = np.float32(0.02)
 """Transmittance below which a pixel is finished: nothing behind moves the level, and little the colour."""
+
+
+SHARP = 0.03
+"""Spread of a surface, in units of its distance, at which its weight is halved."""
 
 
 @dataclass(frozen=True)
@@ -66,6 +69,11 @@ class FieldDepth:
     spread: NDArray[np.float32]
     color: NDArray[np.float32]
     alpha: NDArray[np.float32]
+
+    def sharpness(self) -> NDArray[np.float32]:
+        """How sharp the surface looks, (H, W) in (0, 1], NaN where there is none."""
+        blur = self.spread / (np.float32(SHARP) * self.depth)
+        return np.asarray(1 / (1 + blur * blur), np.float32)
 
 
 def field_depth(splats: Splats, view: View, near: float = NEAR, level: float = FIELD_LEVEL) -> FieldDepth:
@@ -113,7 +121,8 @@ ALPHA, PEAK, PRECISION, WEIGHT, TURN_X, TURN_Y, TURN_Z = lanes(SKETCH)
 
 BEGIN, STEP, END = np.int32(0), np.int32(1), np.int32(TILE)
 ZERO, ONE = np.float32(0), np.float32(1)
-FLATTEST, WIDEST = 1e-7, 1e7  # scales, in units of the distance, between which float32 keeps every digit it needs
+FLATTEST = 1e-7  # the least scale, in units of the distance, at which float32 keeps every digit it needs
+WIDEST = 1 / FLATTEST  # the largest
 
 
 @shared
@@ -268,7 +277,7 @@ def _list_row(sketch: Floats, first: np.int32, last: np.int32, counts: Integers,
     """Append a Gaussian to the lists of a row's pixels: counts (TILE,), lists (LIST, ENTRY, TILE)."""
     for column in range(first, last):
         count = counts[column]
-        if sketch[WEIGHT + np.uint64(column)] > MIN_WEIGHT and count < LIST:
+        if sketch[WEIGHT + np.uint64(column)] > MIN_ALPHA and count < LIST:
             for field in range(ENTRY):
                 lists[count, field, column] = sketch[field * TILE + column]
             counts[column] = count + 1

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ..base.arrays import Faces, Floats, Integers, Points, Vector
 from ..base.kernels import kernel
 from ..base.threads import shared
+from ..render.footprints import TILE
 from ..render.view import stacked
 from .dualmesh import dual_mesh
 from .octree import Corners, corners_of, leaves_of, requested_cells
@@ -21,17 +22,14 @@ from .sight import FusionSight, Truncation
 ENOUGH_WEIGHT = 0.003
 """Sum of weights that a corner needs before it takes part in the surface."""
 
-COARSE = 8
-"""Pixels along the side of the squares whose deepest pixel decides which points are hidden."""
-
 MOST_CELLS = 1_600_000
 """Cells that the pixels may ask for; more make all of them larger. Each takes about 150 bytes on the way."""
 
 BATCH = 512
 """Points that are tested against a view's pyramid and depth together."""
 
-SLABS = 24
-"""Parts into which the points are cut to report progress."""
+SLABS = 100
+"""Parts into which the points are cut to report progress, in percent."""
 
 
 def fuse_adaptively(
@@ -63,7 +61,7 @@ def fuse_adaptively(
 
 
 class PackedSights(NamedTuple):
-    """All maps of M sights one after the other, as the kernels read them. P pixels, T squares of COARSE pixels.
+    """All maps of M sights one after the other, as the kernels read them. P pixels, T tiles of TILE pixels.
 
     poses: (M, 3, 4) float64 camera_from_world, of a world about the origin of the fusion. lenses: (M, 4) float64 fx,
     fy, cx, cy. sizes: (M, 2) int64 height and width. starts: (M,) int64 first pixel of each. square_starts: (M,) int64
@@ -92,10 +90,10 @@ def packed(sights: Sequence[FusionSight], origin: Vector) -> PackedSights:
         seen = sight.weight > 0
         row = np.concatenate([sight.plane, np.stack([sight.weight, sight.spread, sight.step], axis=-1)], axis=-1)
         pixels[start : start + seen.size] = np.where(seen[..., None], row, 0).reshape(-1, 7)
-        rows, columns = -(-view.height // COARSE), -(-view.width // COARSE)
-        deepest = np.zeros((rows * COARSE, columns * COARSE), np.float32)
+        rows, columns = -(-view.height // TILE), -(-view.width // TILE)
+        deepest = np.zeros((rows * TILE, columns * TILE), np.float32)
         deepest[: view.height, : view.width] = np.where(seen, sight.plane[..., 3] + 3 * sight.spread, 0)
-        squares.append(deepest.reshape(rows, COARSE, columns, COARSE).max(axis=(1, 3)).ravel())
+        squares.append(deepest.reshape(rows, TILE, columns, TILE).max(axis=(1, 3)).ravel())
         square_start += rows * columns
     return PackedSights(*stack, np.array(square_starts), pixels, np.concatenate(squares))
 
@@ -165,9 +163,9 @@ def _unseen(center: Vector, ball: float, margin: float, camera: tuple[Any, ...],
     # The ball's image: its directions lie within the box x +- ball, y +- ball at the depths z +- ball.
     u0, u1 = min((x - ball) / nearest, (x - ball) / (z + ball)), max((x + ball) / nearest, (x + ball) / (z + ball))
     v0, v1 = min((y - ball) / nearest, (y - ball) / (z + ball)), max((y + ball) / nearest, (y + ball) / (z + ball))
-    rows, columns = (height + COARSE - 1) // COARSE, (width + COARSE - 1) // COARSE
-    first, last = int(max(fx * u0 + px, 0)) // COARSE, int(min(max(fx * u1 + px, 0), width - 1)) // COARSE
-    for row in range(int(max(fy * v0 + py, 0)) // COARSE, int(min(max(fy * v1 + py, 0), height - 1)) // COARSE + 1):
+    rows, columns = (height + TILE - 1) // TILE, (width + TILE - 1) // TILE
+    first, last = int(max(fx * u0 + px, 0)) // TILE, int(min(max(fx * u1 + px, 0), width - 1)) // TILE
+    for row in range(int(max(fy * v0 + py, 0)) // TILE, int(min(max(fy * v1 + py, 0), height - 1)) // TILE + 1):
         for column in range(first, min(last, columns - 1) + 1):
             if row < rows and deepest[start + row * columns + column] + margin > nearest:
                 return False

@@ -16,7 +16,7 @@ from ..base.kernels import kernel
 from ..base.threads import shared
 from ..render.view import stacked
 from ..scene.color import bytes_from_unit
-from .color import RenderedPicture
+from .color import GREY, RenderedPicture
 from .sight import LEAST_COSINE, Sighting
 
 TOLERANCE = 0.02
@@ -24,9 +24,6 @@ TOLERANCE = 0.02
 
 THINNEST = 0.002
 """Thickness, in units of the distance, below which no picture is trusted more for seeing a thinner surface."""
-
-GREY = 127.5
-"""Colour where no view looked."""
 
 PER_GROUP = 100
 """Points of a group, about: which pictures may show any of them is asked once."""

@@ -16,11 +16,11 @@ from ..splats.splats import Splats
 from ..views.eyes import FOV_DEG
 from ..views.viewpoints import bounds_of
 
-FACE_PIXELS = 192
-"""Side of each of the six pictures that are drawn: half a degree, a quarter of a texel."""
-
 SUBSAMPLES = 4
 """Samples along a side of each texel."""
+
+FACE_PIXELS = SUBSAMPLES * SKY_HEIGHT // 2
+"""Side of each of the six pictures that are drawn, a quarter turn wide: a pixel for each sample."""
 
 SEEN = 0.5
 """Alpha from which a direction counts as seen: below it is the fringe of a splat that no photograph showed alone."""

@@ -35,8 +35,6 @@ LEAST_AGREEMENT = 0.02
 """Weight of a point whose normal is at right angles to that of a flat Gaussian, over one that agrees. Where the nearest
 surface is a neighbour's side, such as the foot of an object on a table, points that agree come first."""
 
-_BATCH = 1 << 13
-
 
 class Pose(NamedTuple):
     """Points of a surface in another pose, in the frame of the splats.
@@ -106,7 +104,7 @@ class Carrier:
             normals[nodes] = np.einsum("nij,nj->ni", turn, self._normals[nodes])
             moved[nodes] = True
 
-        in_batches(carry, len(asked), _BATCH)
+        in_batches(carry, len(asked))
         extents = np.einsum("nk,nk->n", self._weights, self._extents[self._around])
         return Pose(self._points, points, normals, moved, extents)
 

@@ -17,6 +17,9 @@ from .sight import LEAST_COSINE
 DEPTH_TOLERANCE = 0.01
 """Largest distance of a seen vertex behind the rendered depth, in units of the mesh's radius."""
 
+GREY = bytes_from_unit(0.5)
+"""Colour where no view looked."""
+
 
 @dataclass(frozen=True)
 class RenderedPicture:
@@ -47,7 +50,7 @@ def vertex_colors(vertices: Points, normals: Directions, pictures: Sequence[Rend
         total[visible] += frontal[:, None] * picture.color[rows, columns]
         weights[visible] += frontal
     seen = weights > 0
-    colors = np.full((len(vertices), 3), 128, np.uint8)
+    colors = np.full((len(vertices), 3), GREY, np.uint8)
     colors[seen] = np.round(total[seen] / weights[seen, None]).astype(np.uint8)
     if seen.any() and not seen.all():
         colors[~seen] = colors[seen][scipy.spatial.cKDTree(vertices[seen]).query(vertices[~seen])[1]]

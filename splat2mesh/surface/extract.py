@@ -4,14 +4,14 @@ field   depth maps at a level of the opacity field, fused into a signed distance
 sugar   points on a level of the density field, Poisson: the method of the SuGaR paper, kept for comparison.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..base.arrays import Floats
-from ..base.calibration import NOT_RECORDED, Provenance
 from ..base.errors import InputError
 from ..base.progress import Stages
 from ..render.footprints import DILATION as TRAINING_DILATION
@@ -26,26 +26,15 @@ from .fusion import PlaneMap, fuse
 from .sight import Sighting
 from .sugar import DensityField, SurfacePoints, poisson, surface_points
 
-
-@dataclass(frozen=True)
-class LevelCalibration:
-    """The opacity at which the surface of an object lies, by the median thickness of its surfaces. thicknesses: in
-    training pixels. levels: the opacity at each; between them it is interpolated, outside held."""
-
-    provenance: ClassVar = Provenance(
-        script="scripts/bench surface",
-        fitted_on="spot and tabletop, two trained scenes with true meshes (docs/surface.md)",
-        held_out=NOT_RECORDED,
-    )
-
-    thicknesses: tuple[float, float] = (0.7, 1.5)
-    levels: tuple[float, float] = (0.38, 0.5)
-
-
-LEVEL = LevelCalibration()
+LEVEL = 0.5
+"""Opacity at which the surface of an object lies: half. A level by how thick surfaces look, .38 to .5, was fitted to
+two scenes, and was worse on a third (docs/surface.md)."""
 
 PROBES, PROBE_PIXELS = 8, 128
 """Views, and their pixels, in which the thickness is measured."""
+
+LEAST_POINTS = 100
+"""Points without which there is no surface."""
 
 FINEST_VOXEL = 0.5
 """Smallest voxel in training pixels: there is nothing finer in a splat."""
@@ -62,19 +51,27 @@ over those of one view."""
 @dataclass(frozen=True)
 class Effort:
     """The amount of work for a surface. views: rendered views, of `pixels` along the longer side. cells: voxels along
-    the scene's diagonal (field). depth: octree levels (sugar). points: surface points aimed at (sugar)."""
+    the scene's diagonal (field), of which the octree (sugar) has as many or more."""
 
     views: int
     pixels: int
     cells: int
-    depth: int
-    points: int
+
+    @property
+    def depth(self) -> int:
+        """Levels of the octree (sugar)."""
+        return math.ceil(math.log2(self.cells))
+
+    @property
+    def points(self) -> int:
+        """Surface points aimed at (sugar): two for each cell of a side of the octree's cube."""
+        return 2 * (2**self.depth) ** 2
 
 
 EFFORTS = {
-    "draft": Effort(views=32, pixels=256, cells=224, depth=8, points=200_000),
-    "normal": Effort(views=64, pixels=320, cells=320, depth=9, points=500_000),
-    "fine": Effort(views=96, pixels=448, cells=320, depth=10, points=1_500_000),
+    "draft": Effort(views=32, pixels=256, cells=224),
+    "normal": Effort(views=64, pixels=320, cells=320),
+    "fine": Effort(views=96, pixels=448, cells=320),
 }
 
 
@@ -112,23 +109,6 @@ class Look(NamedTuple):
         return cls(splats, pixel, views, np.full(len(views), near_plane(bounds_of(splats))))
 
 
-def surface_level(look: Look) -> float:
-    """The opacity at which the surface of this splat lies, by how thick its surfaces are in training pixels.
-
-    The Gaussians of a thin surface reach in front of it and are crossed early; where they pile up loosely, the surface
-    lies nearer to their middle. Calibrated on trained scenes with true meshes: see docs/surface.md.
-    """
-    found: list[Floats] = [np.zeros(0)]
-    for view in look.views[:: max(1, len(look.views) // PROBES)]:
-        shot = Sighting.taken(look.splats, view.resized(PROBE_PIXELS), look.near[0])
-        found.append(shot.thickness.ravel() / look.pixel)
-    thickness = np.concatenate(found)
-    thickness = thickness[np.isfinite(thickness)]
-    if len(thickness) == 0:
-        return LEVEL.levels[1]
-    return float(np.interp(np.median(thickness), LEVEL.thicknesses, LEVEL.levels))
-
-
 def extract(way: str, look: Look, effort: Effort, vertices: int, stages: Stages) -> tuple[Any, list[RenderedPicture]]:
     """The raw surface of what a Look shows: an open3d TriangleMesh and a picture of each view.
 
@@ -144,10 +124,9 @@ def _field(look: Look, effort: Effort, vertices: int, stages: Stages) -> tuple[A
     splats, pixel, views, near = look
     diagonal = float(np.linalg.norm(np.ptp(bounds_of(splats), axis=0)))
     maps, pictures = [], []
-    level = surface_level(look)
     with stages.stage("depth maps", total=len(views)) as advance:
         for view in views:
-            shot = Sighting.taken(splats, view, near[0], level)
+            shot = Sighting.taken(splats, view, near[0], LEVEL)
             seen = shot.seen
             maps.append(PlaneMap.from_depth(view, seen.depth, seen.normal, seen.spread, diagonal / 2))
             pictures.append(RenderedPicture.from_render(view, seen.color, seen.depth, shot.thickness))
@@ -198,5 +177,5 @@ def _sugar(look: Look, effort: Effort, vertices: int, stages: Stages) -> tuple[A
 
 
 def _require_surface(points: int) -> None:
-    if points < 100:
+    if points < LEAST_POINTS:
         raise InputError(f"only {points} surface points were found: is this a splat of a solid object?")

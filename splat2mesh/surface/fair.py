@@ -5,18 +5,13 @@ import scipy
 
 from ..base.arrays import Faces, Floats, Mask, Points
 
-STRENGTH = 300.0
-"""Weight of smoothness where edges are one training pixel long. Noise has the size of Gaussians, so it counts in
-pixels: longer edges have averaged it already, with the fourth power of their length."""
-
-MAX_STRENGTH = 200.0
-"""Most smoothness at any length of edge: beyond, the equations take long to solve and folds go."""
+STRENGTH = 250.0
+"""Weight of smoothness where edges are one training pixel long, or shorter, where the equations would take long to
+solve and folds go. Noise has the size of Gaussians, so it counts in pixels: longer edges have averaged it already, with
+the fourth power of their length."""
 
 LEAST_THICKNESS, MOST_THICKNESS = 0.3, 2.5
 """Thickness in training pixels that is added to every vertex's, and the most that counts: even fuzz keeps its place."""
-
-HELD = 1e4
-"""Trust in a vertex that must not move."""
 
 TOLERANCE, MAX_ITERATIONS = 1e-4, 300
 """Relative residual at which the solution counts as found, and iterations at most."""
@@ -36,15 +31,13 @@ def fair(
     """
     smoothness = _laplacian(faces, len(points))
     edge = np.median(np.linalg.norm(points[faces[:, 0]] - points[faces[:, 1]], axis=1))
-    strength = min(STRENGTH * (pixel / max(edge, 1e-300)) ** 4, MAX_STRENGTH)
+    strength = STRENGTH * min(pixel / max(edge, 1e-300), 1.0) ** 4
     bending = (strength * (smoothness.T @ smoothness)).tocsr()
     trust = 1.0 / (LEAST_THICKNESS + np.minimum(thickness, MOST_THICKNESS)) ** 2
-    if fixed is not None:
-        trust[fixed] = HELD
     system = (scipy.sparse.diags_array(trust) + bending).tocsr()
-    faired = points + _solved(system, -(bending @ points))
-    if fixed is not None:
-        faired[fixed] = points[fixed]
+    free = np.flatnonzero(~fixed) if fixed is not None else np.arange(len(points))
+    faired = points.astype(np.float64)
+    faired[free] += _solved(system[free][:, free], -(bending @ points)[free])
     return faired
 
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..base.arrays import DepthMap, Faces, Floats, Integers, Points, Vector
+from ..base.cells import CELLS, cells_of, keys_of
 from ..base.distinct import distinct
 from ..base.kernels import kernel
 from ..base.meshlibrary import open3d
@@ -50,9 +51,6 @@ class PlaneMap:
         weight = np.maximum(frontal, 0) / (1 + (spread / (SHARP * radius)) ** 2)
         plane = np.concatenate([normal, depth[..., None]], axis=-1).astype(np.float32, order="C")
         return cls(view, plane, np.where(np.isfinite(depth), weight, 0).astype(np.float32))
-
-
-_HALF = 2**20
 
 
 def fuse(maps: Sequence[PlaneMap], voxel: float, advance: Callable[[], None] = lambda: None) -> Any:
@@ -103,11 +101,9 @@ def _blocks_near(maps: Sequence[PlaneMap], origin: Vector, voxel: float) -> Inte
 
 def _unique_rows(keys: Integers) -> Integers:
     """Rows (N, 3) int32, each once, in the order of their numbers."""
-    if np.abs(keys).max(initial=0) >= _HALF:  # too far out for a key of three times 21 bits
+    if np.abs(keys).max(initial=0) >= CELLS // 2:  # too far out for a key
         return np.unique(keys, axis=0)
-    packed = distinct((keys.astype(np.int64) + _HALF) @ np.array([2**42, 2**21, 1]))
-    columns = [packed >> 42, packed >> 21 & (2**21 - 1), packed & (2**21 - 1)]
-    return (np.stack(columns, axis=1) - _HALF).astype(np.int32)
+    return cells_of(distinct(keys_of(keys)))
 
 
 def _in_fixed_order(vertices: Points, faces: Faces) -> tuple[Points, Faces]:

@@ -8,15 +8,15 @@ from numpy.typing import ArrayLike
 
 from ..base.arrays import Floats, Integers, Mask, Matrix4, Points
 from ..render.thickness import optical_depth
+from ..scene.leaves import FEW
 from ..scene.measured import Measured
 from ..splats.cleaning import usable
 from ..splats.splats import Splats
 from .captured_sky import captured_sky
 from .volume import SOLID, splat_volume, vertex_volume
 
-LEAST_LEAFY, LEAST_SHARE = 0.25, 0.005
-"""Volume of a vertex, and part of the vertices that have more, from which it is measured how thick leaves and grass
-are."""
+LEAST_SHARE = 0.005
+"""Part of the vertices that have a volume of more than FEW, from which the depth of leaves and grass is measured."""
 
 
 SHELL, SHELL_SHARE = 0.03, 90.0
@@ -58,7 +58,7 @@ def measured_of(
         measured = np.zeros_like(measured)
         volume[rows[near]] = measured
     found = Measured(sky, volume, vertex_volume(points, subject, measured))
-    if not (found.foliage > LEAST_LEAFY).mean() > LEAST_SHARE:
+    if not (found.foliage > FEW).mean() > LEAST_SHARE:
         return found
     return found._replace(depth=optical_depth(subject, measured, scene_from_splat))
 
@@ -66,7 +66,7 @@ def measured_of(
 def is_shell(points: Points, splats: Splats, volume: Floats) -> bool:
     """Whether the splats of a volume lie along the surface of an object, and do not fill it. points: (V, 3) of the
     mesh, in the splats' frame. volume: (N,) of the splats."""
-    leafy = (volume > LEAST_LEAFY) & (splats.opacities > SOLID)
+    leafy = (volume > FEW) & (splats.opacities > SOLID)
     if not leafy.any() or not len(points):
         return True
     diagonal = float(np.linalg.norm(np.ptp(points, axis=0)))

@@ -10,9 +10,6 @@ from .color import DEPTH_TOLERANCE, RenderedPicture
 SMALLEST = 10.0
 """Border of the smallest opening, in depth tolerances: about 16 pixels of a view. Smaller holes are pinholes."""
 
-SPOKES = 8
-"""Corners of a border, about, half way to which a hole is probed, beside its middle."""
-
 
 def openings(borders: Sequence[Points], pictures: Sequence[RenderedPicture], radius: float) -> Mask:
     """Which holes are openings, (N,) bool: more than half of each one's probes are empty in at least two pictures, and
@@ -40,6 +37,6 @@ def openings(borders: Sequence[Points], pictures: Sequence[RenderedPicture], rad
 
 
 def _probes(corners: Points) -> Points:
-    """(P, 3): the middle of a border, and the places half way from there to some of its corners."""
+    """(P, 3): the middle of a border, and the places half way from there to its corners."""
     middle = corners.mean(axis=0)
-    return np.concatenate([middle[None], 0.5 * (middle + corners[:: max(1, len(corners) // SPOKES)])])
+    return np.concatenate([middle[None], 0.5 * (middle + corners)])

@@ -7,13 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.arrays import Directions, Floats, Indices, Mask, Points, Vector
-from .sight import LEAST_COSINE, SHARP, Sighting
+from ..base.cells import CELLS, keys_of
+from .sight import LEAST_COSINE, Sighting
 
 EVERY = 4
 """Every so many rows and columns of a depth map count."""
-
-HALF_CELLS = 1 << 19
-"""Cells along each axis, on either side of the middle, at most."""
 
 LEAST_AGREEMENT = 0.5
 """Length of the mean of unit normals below which a patch has none: they would be 60 degrees from it."""
@@ -74,8 +72,7 @@ class SeenPatches(NamedTuple):
 
 
 def _cells(points: Points, origin: Vector, side: float) -> Indices:
-    index = np.clip(np.floor((points - origin) / side), -HALF_CELLS, HALF_CELLS - 1).astype(np.int64) + HALF_CELLS
-    return (index[:, 0] * 2 * HALF_CELLS + index[:, 1]) * 2 * HALF_CELLS + index[:, 2]
+    return keys_of(np.clip(np.floor((points - origin) / side), -(CELLS // 2), CELLS // 2 - 1))
 
 
 def _samples(shot: Sighting, distance: float) -> tuple[Points, Directions, Floats, Floats]:
@@ -86,6 +83,6 @@ def _samples(shot: Sighting, distance: float) -> tuple[Points, Directions, Float
     known = np.isfinite(depth) & np.isfinite(spread)
     rays, depth, normals = rays[known], depth[known], seen.normal[some][known].astype(np.float64)
     cosine = -(rays * normals).sum(axis=1) / np.linalg.norm(rays, axis=1)
-    trust = 1 / (1 + (spread[known] / (SHARP * depth)) ** 2) / (1 + (depth / (2 * distance)) ** 2)
+    trust = seen.sharpness()[some][known] / (1 + (depth / (2 * distance)) ** 2)
     areas = trust * depth**2 * np.maximum(cosine, 0) / np.maximum(cosine, LEAST_COSINE)
     return view.center + rays * depth[:, None], normals, shot.thickness[some][known].astype(np.float64), areas

@@ -21,7 +21,7 @@ from .adaptive import SLABS, fuse_adaptively
 from .album import Album, filled_in
 from .clean import fill_holes, without_floaters
 from .decimate import decimate
-from .extract import PROBE_PIXELS, Look, dilated, training_pixel
+from .extract import LEAST_POINTS, PROBE_PIXELS, PROBES, Look, dilated, training_pixel
 from .fair import fair
 from .patches import SeenPatches
 from .planes import PATCH, evened
@@ -58,18 +58,12 @@ class PlaceCalibration:
 
 PLACE = PlaceCalibration()
 
-PROBES = 12
-"""Views in which the fog is measured."""
-
 FINEST_CELL = 0.7
 """Least side of a cell in training pixels: there is nothing finer in a splat."""
 
 SPARE, MOST_VERTICES, SHAPE = 2.5, 400_000, 0.75
 """Where the number of vertices is left to the capture: vertices found for one that is kept, vertices at most, and the
 part of the most that the shape may take, before colours ask for theirs."""
-
-SAMPLED, LEAST_POINTS = 17, 100
-"""Every so many pixels of a depth map count for the typical distance, and how many of these there are at least."""
 
 LEAST_BAND = 2.0
 """Most distance between a plane and what lies on it, in training pixels, where there is no fog."""
@@ -97,7 +91,7 @@ def reconstruct_place(
     fog = _fog(splats, views, near)
     level = PLACE.level(fog)
     shots = _shots(splats, views, near, level, stages)
-    depths = np.concatenate([shot.seen.depth[np.isfinite(shot.seen.depth)][::SAMPLED] for shot in shots])
+    depths = np.concatenate([shot.seen.depth[np.isfinite(shot.seen.depth)] for shot in shots])
     if len(depths) < LEAST_POINTS:
         raise InputError(f"only {len(depths)} surface points were found: is this a splat of a place?")
     distance, centers = float(np.median(depths)), _near_centers(shots)

@@ -17,11 +17,11 @@ from ..base.arrays import Directions, Faces, Floats, Indices, Mask, Points, Vect
 from .fair import edge_uses
 from .patches import SeenPatches
 
-SAMPLE, SKETCH = 40_000, 4_000
-"""Patches, drawn by their area, that planes are fitted to, and those of them that tell good draws from bad ones."""
+SAMPLE = 40_000
+"""Patches, drawn by their area, that planes are fitted to."""
 
-DRAWS, REFINED = 96, 4
-"""Planes drawn for each that is looked for, and those of them, the best, that are fitted."""
+DRAWS = 96
+"""Planes drawn for each that is looked for, of which the best is fitted."""
 
 STEPS = 12
 """Steps of a fit."""
@@ -35,9 +35,8 @@ SIGMAS = 3.0
 CONE = np.pi / 4
 """Largest angle between a plane's normal and one that is weighed, radians. Chosen on an office and a parlour."""
 
-WIDE, LEAST_SPREAD = 0.2, 0.07
-"""Spread of normals along each of two axes, radians, from which a fit starts, and the least: some of a facade may be
-seen far better than the rest."""
+LEAST_SPREAD = 0.07
+"""Least spread of normals along each of two axes, radians: some of a facade may be seen far better than the rest."""
 
 LEAST_AREA, LEAST_GAIN = SAMPLE / 200, 1.0
 """Patches of the sample that lie on a plane at least, and how much likelier they are with it, in nats, on average:
@@ -48,14 +47,8 @@ CELL, MOST_TURNING, FLAT = 8.0, 0.25, 1e-3
 what they lie on is round; and variance across a plane, over that along it, which counts as none. Planes of rooms and
 streets have up to 0.2, columns 0.9."""
 
-LEAST_FITTED = 50
-"""Patches that a fit needs."""
-
 MOST_FAILED = 5
 """Fits one after the other that give no plane, after which there are no more."""
-
-DOUBT = 1e-3
-"""Least share of the patches around a plane that are not on it."""
 
 
 class Plane(NamedTuple):
@@ -77,10 +70,6 @@ class Plane(NamedTuple):
         """Whether enough lies on it, surely enough, and is neither round nor rougher than the surface is thick."""
         flat = self.turning <= MOST_TURNING and self.noise <= self.thickness
         return flat and self.held >= LEAST_AREA and self.gain >= LEAST_GAIN
-
-    def rank(self) -> tuple[bool, float]:
-        """What the best of several planes has most of."""
-        return self.is_sure, self.gain * self.held
 
 
 class Evened(NamedTuple):
@@ -208,11 +197,8 @@ def planes_of(patches: SeenPatches) -> list[Plane]:
     planes: list[Plane] = []
     while failed < MOST_FAILED and (left & seeds).sum() > LEAST_AREA:
         these, chosen = drawn.take(left), rng.choice(np.flatnonzero(left & seeds), DRAWS)
-        sketch = these.take(rng.choice(len(these.points), min(SKETCH, len(these.points)), replace=False))
-        counts = np.array([_close(sketch, drawn.points[seed], drawn.normals[seed]) for seed in chosen])
-        best = chosen.reshape(REFINED, -1)[np.arange(REFINED), counts.reshape(REFINED, -1).argmax(axis=1)]
-        fits = [_fitted(these, drawn.normals[seed], float(drawn.normals[seed] @ drawn.points[seed])) for seed in best]
-        found = max((fit for fit in fits if fit is not None), key=Plane.rank, default=None)
+        best = max(chosen, key=lambda seed: _close(these, drawn.points[seed], drawn.normals[seed]))
+        found = _fitted(these, drawn.normals[best], float(drawn.normals[best] @ drawn.points[best]))
         if found is None:
             break
         if found.is_sure:
@@ -233,20 +219,20 @@ def _close(these: _Surface, point: Vector, normal: Vector) -> int:
 
 
 def _fitted(these: _Surface, normal: Vector, offset: float) -> Plane | None:
-    """The plane near one given that fits best, None where hardly any patch lies on it: by expectation and maximisation
+    """The plane near one given that fits best, None where too few patches lie near it: by expectation and maximisation
     of the likelihood of heights and normals together."""
-    noise, spread, share = these.band / SIGMAS, WIDE, 0.5
+    noise, spread, share = these.band / SIGMAS, CONE / SIGMAS, 0.5
     near = np.abs(these.points @ normal - offset) < 2 * these.band  # where it may move to
     these = these.take(near & (these.normals @ normal > 0))
     for _ in range(STEPS):
         heights, angles, around = these.around(normal, offset)
         rows = np.flatnonzero(around)
-        if len(rows) < LEAST_FITTED:
+        if len(rows) < LEAST_AREA:
             return None
         likelier = these.likelier(heights[rows], angles[rows], noise, spread)
         weight = share * likelier / (share * likelier + 1 - share)
         count = weight.sum()
-        share = min(count / len(rows), 1 - DOUBT)
+        share = min(count / len(rows), 1 - 1 / len(rows))  # one of them lies there by chance
         middle = weight @ these.points[rows] / count
         rest, ways = these.points[rows] - middle, these.normals[rows]
         across = (rest * weight[:, None]).T @ rest / noise**2 - (ways * weight[:, None]).T @ ways / spread**2

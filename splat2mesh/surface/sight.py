@@ -15,15 +15,13 @@ LEAST_COSINE = 0.05
 """Cosine of the angle at which a point must at least be seen for its colour, and the weight of a surface that is seen
 at a more grazing one: floors far away are seen no other way."""
 
-SHARP = 0.03
-"""Spread of a surface, in units of its distance, at which its weight is halved."""
-
-NARROW, WIDE = 2.0, 8.0
-"""Cells within which the distance field is kept on either side of the surface: least, and most where it is thick."""
-
 CELL_PIXELS, THICK_CELLS, MOST_THICK = 1.5, 4.0, 3.0
 """Side of a cell in pixels of the view that saw it, cells across a thick surface, and how far its thickness may enlarge
 the cells over what they are elsewhere at its distance."""
+
+NARROW, WIDE = 2.0, 2.0 * THICK_CELLS
+"""Cells within which the distance field is kept on either side of the surface: least, and most where it is thick, twice
+its thickness."""
 
 
 class Sighting(NamedTuple):
@@ -78,7 +76,7 @@ class FusionSight:
         cosine = -(rays * seen.normal).sum(axis=-1) / np.linalg.norm(rays, axis=-1)
         weight = np.maximum(cosine, LEAST_COSINE)
         with np.errstate(invalid="ignore"):
-            weight = weight / (1 + (seen.spread / (SHARP * seen.depth)) ** 2) / (1 + (seen.depth / (2 * distance)) ** 2)
+            weight = weight * seen.sharpness() / (1 + (seen.depth / (2 * distance)) ** 2)
             pixel = np.float32(max(CELL_PIXELS / view.fx, fog / THICK_CELLS)) * seen.depth
             step = np.maximum(np.clip(thickness / THICK_CELLS, pixel, MOST_THICK * pixel), finest)
         known = np.isfinite(seen.depth) & np.isfinite(seen.spread) & np.isfinite(step)

@@ -22,8 +22,9 @@ CHEAPEST = 0.35
 SLOWEST = 0.002
 """Share of the vertices that a round must remove for another one to follow."""
 
-STIFF, SHORT = 1e-3, 1e-4
-"""Pull towards an edge's middle where its planes leave the place open, and the preference for short edges."""
+STIFF = 1e-3
+"""Weight of the distance from an edge's ends: it draws to the middle where the planes leave the place open, and prefers
+short edges."""
 
 LEAST_TURN = 0.2
 """Cosine of the largest turn of a face in one collapse."""
@@ -179,15 +180,15 @@ def _costs(
         p, q = quadrics[a], quadrics[b]
         xx, xy, xz, yy, yz = p[0] + q[0], p[1] + q[1], p[2] + q[2], p[3] + q[3], p[4] + q[4]
         zz, x1, y1, z1, rest = p[5] + q[5], p[6] + q[6], p[7] + q[7], p[8] + q[8], p[9] + q[9]
+        mx, my, mz = (
+            (points[a, 0] + points[b, 0]) / 2,
+            (points[a, 1] + points[b, 1]) / 2,
+            (points[a, 2] + points[b, 2]) / 2,
+        )
         if border[a] != border[b]:
             kept = a if border[a] else b
             x, y, z = points[kept, 0], points[kept, 1], points[kept, 2]
         else:
-            mx, my, mz = (
-                (points[a, 0] + points[b, 0]) / 2,
-                (points[a, 1] + points[b, 1]) / 2,
-                (points[a, 2] + points[b, 2]) / 2,
-            )
             x, y, z = _best((xx, xy, xz, yy, yz, zz), (x1, y1, z1), STIFF * weight, (mx, my, mz))
             if _square(x - mx, y - my, z - mz) > length2:
                 x, y, z = mx, my, mz
@@ -195,7 +196,8 @@ def _costs(
             xx * x * x + 2 * xy * x * y + 2 * xz * x * z + yy * y * y + 2 * yz * y * z + zz * z * z
             + 2 * (x1 * x + y1 * y + z1 * z) + rest
         )  # fmt: skip
-        costs[e] = max(error, 0.0) / (weight * size * size) + SHORT * length2 / (size * size)
+        away = _square(x - mx, y - my, z - mz) + length2 / 4  # mean of the squares of the distances from both ends
+        costs[e] = (max(error, 0.0) / weight + STIFF * away) / (size * size)
         places[e, 0], places[e, 1], places[e, 2] = x, y, z
 
 

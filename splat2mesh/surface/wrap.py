@@ -1,5 +1,7 @@
 """A closed surface around a mesh: the level set of its distance, at one voxel, with unreachable cavities filled."""
 
+import math
+
 import numpy as np
 import scipy
 from numpy.typing import NDArray
@@ -24,8 +26,11 @@ TOLERANCE = 0.35
 BLOCK = 4
 """Side, in voxels, of the blocks of which those far from the mesh are skipped."""
 
-PADDING = 3
-"""Voxels of air around the mesh, so the outside is connected."""
+PADDING = math.ceil(MARGIN) + 1
+"""Voxels around the mesh: beyond the closed surface there is one of air, so that the outside is connected."""
+
+FARTHEST = 2 * MARGIN
+"""Distance of the closed surface from the mesh, in voxels, at most: MARGIN, the same circumradius, and TOLERANCE."""
 
 
 def closed_around(
@@ -36,9 +41,9 @@ def closed_around(
 ) -> tuple[NDArray[np.float32], NDArray[np.int32], float]:
     """Vertices (V', 3) and faces (F', 3) of a closed, oriented surface around a mesh, and the side of a voxel.
 
-    All of the mesh lies inside, and no point of the surface is farther from it than 2.5 voxels: hollows that can be
-    reached neither from outside nor from an eye are filled. A thin wall becomes 2.5 voxels thick, and what is narrower
-    than that between two is closed. Raises InputError for a mesh without extent, and without manifold3d.
+    All of the mesh lies inside, and no point of the surface is farther from it than FARTHEST voxels, except where
+    hollows that can be reached neither from outside nor from an eye are filled. A thin wall becomes as thick, and what
+    is narrower than that between two is closed. Raises InputError for a mesh without extent, and without manifold3d.
     """
     manifold = needed("manifold3d", "a proxy")
     voxel = _voxel_of(vertices, cells)

@@ -4,8 +4,9 @@ import numpy as np
 
 from ..render.view import View
 from ..scene.scene import Scene
+from ..splats.foreground import far_background
 from ..splats.splats import Splats
-from ..surface.background import far_background, views_from_within
+from ..surface.background import views_from_within
 from ..surface.extract import EFFORTS, Look, as_trained, dilated
 from ..surface.place import place_look
 from ..views.eyes import Eye, around

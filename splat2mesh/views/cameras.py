@@ -18,7 +18,7 @@ from .cameras_json import views_of_cameras_json
 from .colmap import colmap_models, is_colmap, larger_models, read_colmap
 from .nerfstudio import candidates_of_transforms
 from .poses import Camera
-from .viewpoints import OBJECT_SKETCH
+from .viewpoints import SKETCH_SPLATS
 
 KINDS = "a COLMAP folder such as sparse/0, a cameras.json of INRIA, or a transforms.json of nerfstudio"
 
@@ -34,9 +34,6 @@ JUDGES = 16
 CLEARLY = 0.95
 """Share of the sharpest frame's sharpness from which a likelier frame is taken: wrong ones reach .37 to .94 of it
 around places and a table, but around a single object nothing distinguishes them."""
-
-SHARP = 0.02
-"""Thickness of a surface, in distances to it, up to which it looks sharp to such a view."""
 
 
 class FramedCameras(NamedTuple):
@@ -231,7 +228,7 @@ def _solid(splats: Splats) -> Points:
     """Centres of solid splats, evenly picked where there are many: (N, 3)."""
     rows = np.flatnonzero(splats.opacities > SOLID)
     rows = rows if len(rows) else np.arange(len(splats))
-    return splats.means[rows[:: 1 + len(rows) // OBJECT_SKETCH]]
+    return splats.means[rows[:: 1 + len(rows) // SKETCH_SPLATS]]
 
 
 def _sharpness(views: Sequence[View], splats: Splats) -> float:
@@ -244,6 +241,5 @@ def _sharpness(views: Sequence[View], splats: Splats) -> float:
     for view in spread_out(views, JUDGES):
         surface = field_depth(sketch, view.resized(CANDIDATE_PIXELS), near)
         seen = np.isfinite(surface.depth)
-        blur = surface.spread[seen] / surface.depth[seen] / SHARP
-        shown.append(np.sum(1 / (1 + blur**2)) / seen.size)
+        shown.append(np.sum(surface.sharpness()[seen]) / seen.size)
     return float(np.mean(shown))

@@ -18,7 +18,9 @@ from ..base.quantiles import weighted_quantile
 from ..base.sphere import level_axes
 from ..render.rasterize import rasterize
 from ..render.view import View
+from ..splats.foreground import far_background
 from ..splats.splats import SOLID, Splats
+from .oneside import CONTRAST
 from .viewpoints import OUTER_FOV_DEG, even_directions
 
 CELLS = 40
@@ -43,11 +45,9 @@ class FloorCalibration:
     object. least_lead: how much larger than any plane that leans away by 30 degrees: 2 to 35 in places, 1.25 in an
     object. least_sided: cells on its upper side for each one below: 6.8 and more in places; floaters are what lies
     below. ceiling: share of the floor's area from which a plane opposite is a ceiling: .57 and .63 in rooms, .3 in a
-    blurred one. surroundings, far_radii: share of the solid splats, and radii beyond which they lie, that only a
-    capture with surroundings has: .04 to .08 in places, 0 in objects, whose flat top must not be taken for a floor.
+    blurred one.
     leans_deg, leans_in_place_deg: how far from an axis a floor may lie, and where surroundings or a ceiling show that
-    it is one. straight_deg: how near to an axis the capture is upright already. least_sharper: how much more detail a
-    side shows than the other, which was never seen: 1.9 and 2.2 in two captures from above, at most 1.1 all around.
+    it is one. straight_deg: how near to an axis the capture is upright already.
     cover_in_place: least_cover where the capture is known to be a place: .46 in a garden between towers.
     """
 
@@ -57,12 +57,9 @@ class FloorCalibration:
     least_lead: float = 1.6
     least_sided: float = 3.0
     ceiling: float = 0.42
-    surroundings: float = 0.01
-    far_radii: float = 5.0
     leans_deg: float = 15.0
     leans_in_place_deg: float = 35.0
     straight_deg: float = 1.0
-    least_sharper: float = 1.5
     cover_in_place: float = 0.4
 
 
@@ -87,8 +84,9 @@ class Ground:
 class Floor:
     """The largest plane of a splat and what speaks for its being a floor.
 
-    normal: (3,) unit float64, towards the side with more on it. cover, lead, sided, opposite, far: what
-    least_cover, least_lead, least_sided, ceiling and surroundings of FLOOR are compared with.
+    normal: (3,) unit float64, towards the side with more on it. cover, lead, sided, opposite: what least_cover,
+    least_lead, least_sided and ceiling of FLOOR are compared with. in_place: whether it has a far background, as places
+    have; an object's flat top must not be taken for a floor.
     """
 
     normal: np.ndarray
@@ -96,17 +94,12 @@ class Floor:
     lead: float
     sided: float
     opposite: float
-    far: float
+    in_place: bool
 
     @property
     def open_above(self) -> bool:
         """Whether no ceiling lies opposite."""
         return self.opposite < FLOOR.ceiling
-
-    @property
-    def in_place(self) -> bool:
-        """Whether it has surroundings, as places have."""
-        return self.far >= FLOOR.surroundings
 
 
 def ground_of(splats: Splats) -> Ground:
@@ -149,7 +142,7 @@ def _judged(splats: Splats, floor: Floor) -> Ground:
     axis, up, assumed = int(np.abs(floor.normal).argmax()), floor.normal, False
     if _either_side(floor):
         # The usual frame decides, if the plane agrees, unless the other side was never seen.
-        seen_alone = floor.open_above and _sharper(splats, up) > FLOOR.least_sharper
+        seen_alone = floor.open_above and _sharper(splats, up) > CONTRAST  # 1.9 and 2.2 in two captures from above
         assumed = up[1] > 0 and not seen_alone
         up = -up if assumed else up
     leans = _leans(up)
@@ -207,7 +200,7 @@ def _sharper(splats: Splats, normal: Vector) -> float:
 
 def largest_plane(splats: Splats) -> Floor | None:
     """The Floor of a splat, not judged yet; None where too little is solid."""
-    cells, far = _cells(splats)
+    cells = _cells(splats)
     if len(cells) < CELLS:
         return None
     sample = cells[:: 1 + len(cells) // SAMPLE]
@@ -233,15 +226,15 @@ def largest_plane(splats: Splats) -> Floor | None:
         lead=float(on.sum() * len(sample) / len(cells) / max(second, 1)),
         sided=float(len(upper) / max((above < -FLOOR.thickness).sum(), 1)),
         opposite=float(_fullest_slab(beyond)[0] / on.sum()),
-        far=far,
+        in_place=bool(far_background(splats).any()),
     )
 
 
-def _cells(splats: Splats) -> tuple[NDArray[np.float64], float]:
-    """Centres of the cells that solid splats near the middle of the detail lie in, (C, 3) in cells; the far share."""
+def _cells(splats: Splats) -> NDArray[np.float64]:
+    """Centres of the cells that solid splats near the middle of the detail lie in, (C, 3) in cells."""
     solid = np.flatnonzero(splats.opacities > SOLID)
     if len(solid) < CELLS:
-        return np.zeros((0, 3)), 0.0
+        return np.zeros((0, 3))
     size = splats.scales[solid].max(axis=1)
     detail = 1.0 / np.maximum(size, np.percentile(size, 5) + 1e-30).astype(np.float64) ** 2
     means = splats.means[solid].astype(np.float64)
@@ -253,7 +246,7 @@ def _cells(splats: Splats) -> tuple[NDArray[np.float64], float]:
     wide = 2 * round(FLOOR.radii) * CELLS
     keys = distinct(((index[:, 0] + wide) * 2 * wide + index[:, 1] + wide) * 2 * wide + index[:, 2] + wide)
     cells = np.stack([keys // (4 * wide * wide), keys // (2 * wide) % (2 * wide), keys % (2 * wide)], axis=1)
-    return cells - wide + 0.5, float((distance > FLOOR.far_radii * radius).mean())
+    return cells - wide + 0.5
 
 
 def _fullest_slabs(points: Points, directions: Directions) -> tuple[Integers, Floats]:

@@ -6,7 +6,7 @@ from ..base.arrays import Directions, Floats, Vector
 from ..base.sphere import level_directions
 
 TURNS = 24
-"""Directions tried as the front, all around."""
+"""Horizontal directions tried, all around: as the front here, and for a picture."""
 
 HIGHEST = 0.75
 """Largest sine of the elevation of a view that counts: from above everything looks alike."""
@@ -16,9 +16,6 @@ FACING = 0.5
 
 SHARPEST_BEHIND = 0.25
 """Quantile of the views from behind that must be blurred: nearly all of them."""
-
-NEAR_BEST = 0.9
-"""Contrast over the best one above which a direction helps to decide where the front is."""
 
 CONTRAST = 1.6
 """Blur from behind over blur from the front, above which a capture is one-sided. A row of cameras before a kitchen
@@ -49,7 +46,7 @@ def sharp_side(
     contrasts = np.array([_contrast(flat @ toward, blurred) for toward in towards])
     if contrasts.max() < least:
         return None
-    front = towards[contrasts >= NEAR_BEST * contrasts.max()].sum(axis=0)
+    front = towards[contrasts >= least].sum(axis=0)
     length = float(np.linalg.norm(front))
     return front / length if length > 0.5 else towards[int(contrasts.argmax())]
 

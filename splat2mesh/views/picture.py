@@ -11,14 +11,11 @@ from ..render.opacitygrid import BEFORE
 from ..render.raycaster import RayCaster
 from ..render.view import View
 from .eyes import Eye
-from .viewpoints import ELEVATIONS_DEG, OBJECT_SKETCH, PICTURE_ASPECT, PICTURE_TURNS
+from .oneside import TURNS
+from .viewpoints import CANDIDATE_PIXELS, ELEVATIONS_DEG, PICTURE_ASPECT, SKETCH_SPLATS
 
 FOV_DEG = 70.0
 """Horizontal angle of the picture."""
-
-COLUMNS = 32
-ROWS = round(COLUMNS / PICTURE_ASPECT)
-"""Rays of a candidate: enough to distinguish a wall from a garden."""
 
 ROOMY = 0.35
 """Distance, in units of the typical one, that the nearest twentieth of a good picture has at least."""
@@ -38,7 +35,7 @@ def place_view(
     candidate's worth is the share of vertices that it shows, times how far away its nearest surfaces are.
     """
     rng = np.random.default_rng(0)
-    points = vertices[rng.choice(len(vertices), min(OBJECT_SKETCH, len(vertices)), replace=False)].astype(np.float64)
+    points = vertices[rng.choice(len(vertices), min(SKETCH_SPLATS, len(vertices)), replace=False)].astype(np.float64)
     views = _candidates(eyes, trained, np.asarray(up, np.float64))
     depths = [depth_in(view) for view in views]
     met = np.concatenate([depth[np.isfinite(depth)] for depth in depths])
@@ -51,9 +48,10 @@ def place_view(
 def _candidates(eyes: Sequence[Eye], trained: Sequence[View], up: Vector) -> list[View]:
     looks = [(view.center, view.forward) for view in trained]
     for eye in eyes:
-        for level in level_directions(up, PICTURE_TURNS):
+        for level in level_directions(up, TURNS):
             looks += [(eye.center, level - np.tan(np.radians(down)) * up) for down in ELEVATIONS_DEG]
-    return [View.look_at(center, center + forward, up, FOV_DEG, COLUMNS, ROWS) for center, forward in looks]
+    rows = round(CANDIDATE_PIXELS / PICTURE_ASPECT)
+    return [View.look_at(center, center + forward, up, FOV_DEG, CANDIDATE_PIXELS, rows) for center, forward in looks]
 
 
 def mesh_depth(vertices: Points, faces: Faces) -> Callable[[View], Floats]:

@@ -23,8 +23,8 @@ from .freespace import FreeSpace
 from .overhead import Overhead
 from .viewpoints import WANTED_VIEWS, even_directions
 
-PLACES, TRIED, LEAST_PLACES = 2500, 40_000, 50
-"""Free places, cells tried at random until so many are found, and places without which nobody stood inside."""
+PLACES, TRIED = 2500, 40_000
+"""Free places, and cells tried at random until so many are found."""
 
 CLEAR_CELLS = 3
 """Cells around a free place that nothing has OCCUPIED."""
@@ -118,7 +118,7 @@ def standpoints(
     grid, places = OpacityGrid.around(splats, bounds), np.array(hints, np.float64).reshape(-1, 3)
     _check_hints(grid, places)
     points = free_places(grid, np.random.default_rng(seed))
-    if len(points) < LEAST_PLACES and choice == "auto" and len(places) == 0:
+    if len(points) < PLACES * ROOM_SHARE and choice == "auto" and len(places) == 0:
         return OUTSIDE
     looks = _RayFans.cast(grid, np.concatenate([places, points]))
     shares = float(looks.enclosed[len(places) :].mean()), float(looks.surrounded[len(places) :].mean())

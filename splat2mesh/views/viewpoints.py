@@ -21,15 +21,18 @@ from ..base.sphere import level_directions
 from ..render.opacityfield import FieldDepth, field_depth
 from ..render.view import View
 from ..splats.splats import SOLID, Splats
+from .eyes import FOV_DEG
 from .freespace import FreeSpace
-from .oneside import SUSPECTED, sharp_side
+from .oneside import SUSPECTED, TURNS, sharp_side
 
-OUTER_FOV_DEG, INNER_FOV_DEG = 40.0, 90.0
+OUTER_FOV_DEG = 40.0
+"""Angle of a view from outside; those from within have that of an eye's."""
+
 CANDIDATE_PIXELS = 80
 """Side of a candidate's picture: enough to judge it, at a fraction of the cost of a real view."""
 
-PICTURE_ASPECT, PICTURE_TURNS = 4 / 3, 12
-"""Shape of the picture that a scene is shown with, and how many directions all around are tried for it."""
+PICTURE_ASPECT = 4 / 3
+"""Shape of the picture that a scene is shown with."""
 
 ELEVATIONS_DEG = 24.0, 10.0
 """The angle from which a picture looks down on a flat thing, and on one as high as it is wide: a table shows its top,
@@ -38,23 +41,19 @@ what stands upright is seen as one stands before it, with the horizon behind. Of
 FEW = 100
 """Solid splats that say more of a shape than all splats, or its box, do."""
 
-SKETCH_SPLATS = 40_000
-"""Gaussians in the sample that judges candidates: a view does not depend on every one of millions."""
+SKETCH_SPLATS = 20_000
+"""Gaussians in the sample that judges candidates, three for each of their pixels: a view does not depend on every one
+of millions."""
 
-OBJECT_SKETCH = 20_000
-"""The same where an object is looked at from all around: three for each pixel of a candidate."""
-
-CLEARER = 4
+CLEARER = 8
 """Gaussians over SKETCH_SPLATS by which a capture is found to be one-sided."""
-
-COVER_GRID = 48
-"""Cells along the longest side of the box in which coverage is counted."""
 
 CLEARANCE = 2
 """Cells that an eye inside the box keeps away from all splats."""
 
-FREE_GRID = 32
-"""Cells along that side in the search for free space: coarse enough to close the gaps between Gaussians."""
+GRID = 32
+"""Cells along the longest side of the box in which coverage is counted and free space is searched: coarse enough to
+close the gaps between Gaussians."""
 
 SEALED_ROOM_SHARE = 0.6
 """Share of the box above which sealed space counts as a room; the inside of a sphere is half of its box."""
@@ -145,7 +144,7 @@ def _chosen(
     bounds, views = bounds_of(splats), candidate_views(splats, count, up, seed)
     if space is not None and views:
         views = [views[row] for row in np.flatnonzero(space.holds(np.stack([view.center for view in views])))]
-    sketch = thinned(splats, np.random.default_rng(seed), OBJECT_SKETCH if space is None else SKETCH_SPLATS)
+    sketch = thinned(splats, np.random.default_rng(seed))
     every = Judged.by(replace(sketch, sh=sketch.sh[:, :1]), views, bounds)  # no candidate is judged by its colours
     judged = _from_its_side(every, splats, count, up, seed) if space is None else every
     chosen = _cover(judged.coverage, judged.fuzziness, count)
@@ -183,7 +182,7 @@ def candidate_views(splats: Splats, count: int, up: Vector, seed: int = 0) -> li
     for eye in _free_places(splats, bounds, max(count // 6, 4), rng):
         turn = _random_rotation(rng)
         for axis in np.vstack([np.eye(3), -np.eye(3)]) @ turn:
-            views.append(View.look_at(eye, eye + axis, up, INNER_FOV_DEG, CANDIDATE_PIXELS))
+            views.append(View.look_at(eye, eye + axis, up, FOV_DEG, CANDIDATE_PIXELS))
     return views
 
 
@@ -197,7 +196,7 @@ def picture_view(splats: Splats, up: Vector) -> View:
     held = solid if len(solid) > FEW else corners_of(bounds)
     size = CANDIDATE_PIXELS, round(CANDIDATE_PIXELS / PICTURE_ASPECT)
     tilt = np.tan(picture_elevation(held, up)) * up
-    backwards = level_directions(up, PICTURE_TURNS) + tilt
+    backwards = level_directions(up, TURNS) + tilt
     ways = [View.look_at(backward, np.zeros(3), up, OUTER_FOV_DEG, *size) for backward in backwards]
     views = [way.holding(held, margin=1.2) for way in ways]
     judged = Judged.by(sketch, views, bounds)
@@ -226,7 +225,7 @@ def even_directions(count: int) -> NDArray[np.float64]:
 def _free_places(splats: Splats, bounds: Bounds, count: int, rng: np.random.Generator) -> NDArray[np.float64]:
     """Up to `count` points inside the box that keep clear of all splats, as far from one another as can be. Space that
     surfaces seal off is the inside of an object, unless it is most of the box: then it is a room."""
-    cell = np.ptp(bounds, axis=0).max() / FREE_GRID
+    cell = np.ptp(bounds, axis=0).max() / GRID
     shape = np.maximum(np.ceil(np.ptp(bounds, axis=0) / cell).astype(int), 1)
     inside = (splats.opacities > 0.1) & ((splats.means >= bounds[0]) & (splats.means < bounds[1])).all(axis=1)
     cells = np.minimum(((splats.means[inside] - bounds[0]) / cell).astype(int), shape - 1)
@@ -266,7 +265,7 @@ def _what_is_seen(surface: FieldDepth, view: View, bounds: Bounds) -> tuple[NDAr
     rays, depth = view.ray_directions()[seen], surface.depth[seen]
     # The spread runs along z, the surface's thickness along its normal.
     fuzz = surface.spread[seen] * -(rays * surface.normal[seen]).sum(axis=1) / radius
-    cell = np.ptp(bounds, axis=0).max() / COVER_GRID
+    cell = np.ptp(bounds, axis=0).max() / GRID
     shape = np.ceil(np.ptp(bounds, axis=0) / cell).astype(int) + 1
     sight = np.zeros(int(shape.prod()), np.float32)
     points = view.center + rays * depth[:, None]

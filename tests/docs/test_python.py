@@ -27,7 +27,7 @@ def shown(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     shrink(monkeypatch.setattr)
     for detail in EFFORTS:
-        monkeypatch.setitem(EFFORTS, detail, Effort(views=12, pixels=96, cells=80, depth=6, points=20_000))
+        monkeypatch.setitem(EFFORTS, detail, Effort(views=12, pixels=96, cells=80))
     write_inria_ply("garden.ply", solid_ball(1500))
     light = np.random.default_rng(0).gamma(1.0, 1.0, (16, 32, 3)).astype(np.float32)
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}

@@ -82,7 +82,7 @@ def test_the_commands_of_the_first_hour_run(tmp_path, monkeypatch, capsys):
     assert len(commands) >= 7
     monkeypatch.chdir(tmp_path)
     for name in ("normal", "draft"):
-        monkeypatch.setitem(EFFORTS, name, Effort(views=12, pixels=96, cells=80, depth=6, points=20_000))
+        monkeypatch.setitem(EFFORTS, name, Effort(views=12, pixels=96, cells=80))
     monkeypatch.setattr("relight.jobs.inputs.DEFAULT_TOLERANCE", 0.1)
     write_inria_ply(Path("garden.ply"), solid_ball(600))
     for name, *arguments in commands:

@@ -37,7 +37,7 @@ def test_every_tutorial_shows_commands():
 def test_the_commands_of_a_page_for_a_client_run(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     for effort in ("normal", "draft"):
-        monkeypatch.setitem(EFFORTS, effort, Effort(views=12, pixels=96, cells=80, depth=6, points=20_000))
+        monkeypatch.setitem(EFFORTS, effort, Effort(views=12, pixels=96, cells=80))
     monkeypatch.setattr("relight.jobs.inputs.DEFAULT_TOLERANCE", 0.1)
     write_inria_ply(Path("garden.ply"), solid_ball(600))
     for program, *arguments in commands("client"):

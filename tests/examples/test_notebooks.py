@@ -16,7 +16,7 @@ SMALL = """
 from shrunk import shrink
 from splat2mesh.surface.extract import EFFORTS, Effort
 shrink(setattr)
-EFFORTS["draft"] = Effort(views=12, pixels=96, cells=80, depth=6, points=20_000)
+EFFORTS["draft"] = Effort(views=12, pixels=96, cells=80)
 """
 """What the kernel runs first, so that every cell takes seconds."""
 

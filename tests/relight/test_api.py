@@ -25,7 +25,7 @@ DRAFT = {"detail": "draft", "vertices": 800, "stand": "outside"}
 def quick():
     """A detail below draft: what is tested does not depend on accuracy."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(EFFORTS, "draft", Effort(views=12, pixels=96, cells=80, depth=6, points=20_000))
+        patch.setitem(EFFORTS, "draft", Effort(views=12, pixels=96, cells=80))
         yield
 
 

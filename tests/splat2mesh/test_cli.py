@@ -50,7 +50,7 @@ SETTINGS = ("--detail", "draft", "--vertices", "2000", "--max-chunk-vertices", "
 @pytest.fixture
 def quick(monkeypatch):
     """A detail below draft, for what does not depend on accuracy."""
-    monkeypatch.setitem(EFFORTS, "draft", Effort(views=12, pixels=96, cells=80, depth=6, points=20_000))
+    monkeypatch.setitem(EFFORTS, "draft", Effort(views=12, pixels=96, cells=80))
 
 
 @pytest.fixture(scope="module")

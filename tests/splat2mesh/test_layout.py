@@ -20,7 +20,7 @@ from splat2mesh.splats.joining import joined
 from splat2mesh.splats.placing import placed, similarity
 from splat2mesh.surface.extract import EFFORTS, Effort
 
-QUICK = Effort(views=12, pixels=96, cells=80, depth=6, points=20_000)
+QUICK = Effort(views=12, pixels=96, cells=80)
 """A detail below draft: where a mesh comes to stand does not depend on its accuracy."""
 
 SETTINGS = {"detail": "draft", "vertices": 1500, "max_chunk_vertices": 1000}

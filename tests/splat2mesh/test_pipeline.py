@@ -53,7 +53,7 @@ def converted(files, stages):
 @pytest.fixture
 def quick(monkeypatch):
     """A detail below draft, for what does not depend on accuracy."""
-    monkeypatch.setitem(EFFORTS, "draft", Effort(views=12, pixels=96, cells=80, depth=6, points=20_000))
+    monkeypatch.setitem(EFFORTS, "draft", Effort(views=12, pixels=96, cells=80))
 
 
 def f_score(found, truth, seen, share):

@@ -40,7 +40,7 @@ def made(tmp_path_factory):
     folder = tmp_path_factory.mktemp("sequence")
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
-        patch.setitem(EFFORTS, "draft", Effort(views=12, pixels=96, cells=80, depth=6, points=20_000))
+        patch.setitem(EFFORTS, "draft", Effort(views=12, pixels=96, cells=80))
         write_frames(folder / "frames")
         assert main(["frames", *WORDS, "--fps", str(FPS), "-o", "out", "-q"]) == 0
     return folder / "out"
@@ -111,7 +111,7 @@ def test_relight_takes_the_folder(made):
 
 def test_frames_with_splats_of_their_own_are_meshed_alone(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setitem(EFFORTS, "draft", Effort(views=12, pixels=96, cells=80, depth=6, points=20_000))
+    monkeypatch.setitem(EFFORTS, "draft", Effort(views=12, pixels=96, cells=80))
     (tmp_path / "frames").mkdir()
     for number in (1, 2, 3):
         write_splats(tmp_path / "frames" / f"{number}.spz", solid_ball().take(slice(number > 2, None)), "spz")

@@ -6,7 +6,7 @@ from rasterize_reference import project
 from splat2mesh.base.arrays import Floats
 from splat2mesh.render.footprints import MIN_ALPHA, NEAR
 from splat2mesh.render.levelsearch import FARTHEST_Q, SPREAD_FROM, SPREAD_TO
-from splat2mesh.render.opacityfield import ENOUGH, FIELD_LEVEL, LIST, MAX_ALPHA, MIN_WEIGHT, FieldDepth
+from splat2mesh.render.opacityfield import ENOUGH, FIELD_LEVEL, LIST, MAX_ALPHA, FieldDepth
 from splat2mesh.render.view import View
 from splat2mesh.splats.splats import Splats
 
@@ -59,7 +59,7 @@ class OpacityField:
             precision = (slope * rays).sum(axis=-1)
             self.color += weight[..., None] * colors[i]
             self.normal -= weight[..., None] * slope / np.linalg.norm(slope, axis=-1, keepdims=True)
-            rows, columns = np.nonzero((weight > MIN_WEIGHT) & (count < LIST))
+            rows, columns = np.nonzero((weight > MIN_ALPHA) & (count < LIST))
             at = rows, columns, count[rows, columns]
             self.alpha[at], self.precision[at] = alpha[rows, columns], precision[rows, columns]
             self.peak[at] = (slope @ means[i] / precision)[rows, columns]

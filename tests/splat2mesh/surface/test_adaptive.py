@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
+from splat2mesh.render.footprints import TILE
 from splat2mesh.render.opacityfield import FieldDepth
 from splat2mesh.render.view import View
-from splat2mesh.surface.adaptive import COARSE, fuse_adaptively, packed
+from splat2mesh.surface.adaptive import fuse_adaptively, packed
 from splat2mesh.surface.sight import FusionSight, Sighting
 
 SIZE = 48
@@ -77,7 +78,7 @@ def test_what_is_packed_is_what_the_sights_hold():
     origin = np.array([0.5, 1.0, -2.0])
     maps = packed(sights, origin)
     assert maps.starts.tolist() == [0, PIXELS] and len(maps.pixels) == PIXELS + 31 * 17
-    assert maps.square_starts.tolist() == [0, (SIZE // COARSE) ** 2]
+    assert maps.square_starts.tolist() == [0, (SIZE // TILE) ** 2]
     for number, each in enumerate(sights):
         place = np.array([0.1, 0.2, 0.3])
         direct = each.view.camera_from_world[:3] @ [*place, 1.0]

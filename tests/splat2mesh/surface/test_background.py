@@ -11,9 +11,10 @@ from scenes.cameras import FLIP
 from splat2mesh import convert
 from splat2mesh.api import plan_mesh as plan
 from splat2mesh.base.errors import DataWarning, InputError
+from splat2mesh.splats.foreground import COARSER, LEAST_SHARE, RADII, SOLID, far_background
 from splat2mesh.splats.formats import write_inria_ply
 from splat2mesh.splats.splats import Splats
-from splat2mesh.surface.background import BACKGROUND, EYES, SOLID, far_background, views_from_within
+from splat2mesh.surface.background import EYES, views_from_within
 from splat2mesh.surface.extract import EFFORTS, Effort, extract
 from splat2mesh.surface.solid import BACKGROUND_SHARE
 from splat2mesh.views.viewpoints import bounds_of, even_directions
@@ -58,33 +59,28 @@ def test_a_dome_is_found_exactly_in_any_unit_place_and_order(scale):
     np.testing.assert_array_equal(far_background(splats), order >= 3000)
 
 
-@pytest.mark.parametrize(("radii", "found"), [(0.95 * BACKGROUND.radii, False), (1.05 * BACKGROUND.radii, True)])
+@pytest.mark.parametrize(("radii", "found"), [(0.95 * RADII, False), (1.05 * RADII, True)])
 def test_background_begins_some_radii_away(radii, found):
     # All detail lies on the unit sphere, so half of it within radius one.
     splats = joined(ball(), ball(radii, 300, 0.5))
     np.testing.assert_array_equal(far_background(splats), only_last(splats, 300) & found)
 
 
-@pytest.mark.parametrize(
-    ("coarser", "found"), [(1.0, False), (0.95 * BACKGROUND.coarser, False), (1.05 * BACKGROUND.coarser, True)]
-)
+@pytest.mark.parametrize(("coarser", "found"), [(1.0, False), (0.95 * COARSER, False), (1.05 * COARSER, True)])
 def test_the_far_end_of_a_long_object_is_background_only_where_it_is_coarse(coarser, found):
     body, neck = ball(), np.zeros((400, 3))
     neck[:, 0] = np.linspace(1.0, 6.0, 400)
-    scale = np.where(neck[:, :1] > BACKGROUND.radii + 0.1, coarser * 0.05, 0.05)
+    scale = np.where(neck[:, :1] > RADII + 0.1, coarser * 0.05, 0.05)
     splats = joined(body, plain(neck, scale))
     far = far_background(splats)
     assert far.any() == found
     if found:
-        assert (
-            not far[:3000].any()
-            and (np.flatnonzero(far[3000:]) >= np.searchsorted(neck[:, 0], BACKGROUND.radii - 0.2)).all()
-        )
-        assert far[3000:][neck[:, 0] > BACKGROUND.radii + 0.2].all()
+        assert not far[:3000].any() and (np.flatnonzero(far[3000:]) >= np.searchsorted(neck[:, 0], RADII - 0.2)).all()
+        assert far[3000:][neck[:, 0] > RADII + 0.2].all()
 
 
 def test_a_few_floaters_are_no_background():
-    least = int(np.ceil(3000 * BACKGROUND.least_share / (1 - BACKGROUND.least_share)))  # of all, themselves included
+    least = int(np.ceil(3000 * LEAST_SHARE / (1 - LEAST_SHARE)))  # of all, themselves included
     for count in (0, 1, least - 1, least):
         splats = joined(ball(), ball(10.0, count, 0.5) if count else ball().take(slice(0)))
         np.testing.assert_array_equal(far_background(splats), only_last(splats, count) & (count == least))
@@ -153,7 +149,7 @@ def files(tmp_path_factory):
 def converted(files):
     """The object alone; the object under its dome, cut, and kept; the warnings of the cut."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(EFFORTS, "draft", Effort(views=12, pixels=96, cells=80, depth=6, points=20_000))
+        patch.setitem(EFFORTS, "draft", Effort(views=12, pixels=96, cells=80))
         settings = {"detail": "draft", "vertices": VERTICES}
         found = {"alone": convert(files / "alone.ply", **settings)}
         with pytest.warns(DataWarning) as found["warnings"]:
@@ -219,7 +215,7 @@ def quietly_emptied(way, look, effort, vertices, stages):
 
 
 def test_a_background_without_a_surface_leaves_the_foreground_as_it_is(files, converted, monkeypatch):
-    monkeypatch.setitem(EFFORTS, "draft", Effort(views=12, pixels=96, cells=80, depth=6, points=20_000))
+    monkeypatch.setitem(EFFORTS, "draft", Effort(views=12, pixels=96, cells=80))
     monkeypatch.setattr("splat2mesh.surface.solid.extract", quietly_emptied)
     found = convert(files / "dome.ply", detail="draft", vertices=VERTICES, background="keep")
     np.testing.assert_array_equal(np.unique(found.faces), np.arange(len(found.vertices)))

@@ -18,7 +18,7 @@ from splat2mesh.views.viewpoints import even_directions
 def quick():
     """Small views from few eyes: what is tested does not depend on accuracy."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(EFFORTS, "draft", Effort(views=12, pixels=96, cells=80, depth=6, points=20_000))
+        patch.setitem(EFFORTS, "draft", Effort(views=12, pixels=96, cells=80))
         patch.setattr(standpoints, "PLACES", 2500)  # some beside the table, of which enough rays
         patch.setattr(standpoints, "EVENLY", 256)  # go under it
         patch.setattr(standpoints, "EYES", 6)

@@ -3,7 +3,7 @@
 import numpy as np
 from place_splats import box, garden, joined
 
-from splat2mesh.surface.background import far_background
+from splat2mesh.splats.foreground import far_background
 from splat2mesh.views.eyes import Eye
 from splat2mesh.views.freespace import FreeSpace
 from splat2mesh.views.viewpoints import bounds_of, candidate_views, virtual_views

@@ -213,4 +213,4 @@ def test_thresholds_are_between_what_was_measured():
     floor, closed, ball = largest_plane(garden()), largest_plane(room()), largest_plane(solid_ball())
     assert floor.cover > FLOOR.least_cover > ball.cover or floor.lead > FLOOR.least_lead > ball.lead
     assert closed.opposite > FLOOR.ceiling > floor.opposite
-    assert floor.far > FLOOR.surroundings > closed.far == 0
+    assert floor.in_place and not closed.in_place

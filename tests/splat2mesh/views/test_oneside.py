@@ -8,7 +8,7 @@ from splat2mesh.base.errors import DataWarning
 from splat2mesh.splats.joining import joined
 from splat2mesh.splats.splats import Splats
 from splat2mesh.views.oneside import CONTRAST, sharp_side
-from splat2mesh.views.viewpoints import OBJECT_SKETCH, even_directions, first_views
+from splat2mesh.views.viewpoints import SKETCH_SPLATS, even_directions, first_views
 
 UP = np.array([0.0, 1.0, 0.0])
 AROUND = even_directions(64)
@@ -61,7 +61,7 @@ def test_views_of_such_a_capture_stay_on_its_side():
 def test_a_capture_larger_than_the_sketch_has_its_side_too():
     # The side is known to 15 degrees, so a view may look along the wall and that far past it.
     large = relief(True, 0.012)
-    assert len(large) > OBJECT_SKETCH
+    assert len(large) > SKETCH_SPLATS
     with pytest.warns(DataWarning, match="captured from one side"):
         views = first_views(large, 24, 64, UP, 0)
     assert views and all(view.forward[2] < np.sin(np.radians(16.0)) for view in views)

@@ -74,7 +74,7 @@ def test_a_room_knows_its_ceiling_and_a_garden_none():
 @pytest.fixture(scope="module")
 def quick():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(EFFORTS, "draft", Effort(views=12, pixels=96, cells=80, depth=6, points=20_000))
+        patch.setitem(EFFORTS, "draft", Effort(views=12, pixels=96, cells=80))
         patch.setattr(standpoints, "EYES", 4)
         yield
 
@@ -117,6 +117,6 @@ def test_a_ceiling_that_no_camera_saw_is_closed(quick, tmp_path, monkeypatch):
 
 
 def test_cameras_that_saw_the_ceiling_stay_alone(quick, tmp_path, monkeypatch):
-    monkeypatch.setitem(EFFORTS, "draft", Effort(views=24, pixels=96, cells=80, depth=6, points=20_000))
+    monkeypatch.setitem(EFFORTS, "draft", Effort(views=24, pixels=96, cells=80))
     scene = convert(captured(tmp_path, [-0.3, 0.4, 1.2]), detail="draft", up="+y")
     assert scene.statistics["views"] == 48

@@ -9,9 +9,9 @@ from place_splats import box, joined, wall
 from splat2mesh import convert
 from splat2mesh.base.errors import DataWarning
 from splat2mesh.scene.scene import Scene
+from splat2mesh.splats.foreground import foreground_ball
 from splat2mesh.splats.formats import write_inria_ply
 from splat2mesh.splats.splats import SH_C0
-from splat2mesh.surface.background import foreground_ball
 from splat2mesh.surface.extract import EFFORTS, Effort
 from splat2mesh.views import standpoints
 from splat2mesh.views.panes import sky_in_panes
@@ -80,7 +80,7 @@ def meshed(tmp_path_factory):
     """Scenes of that room with a white pane, and without any."""
     folder = tmp_path_factory.mktemp("panes")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(EFFORTS, "draft", Effort(views=12, pixels=96, cells=80, depth=6, points=20_000))
+        patch.setitem(EFFORTS, "draft", Effort(views=12, pixels=96, cells=80))
         patch.setattr(standpoints, "EYES", 4)
         scenes: list[Scene] = []
         splats, (walls, pane, *_) = windowed()

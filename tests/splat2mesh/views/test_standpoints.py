@@ -6,7 +6,7 @@ from ball_splats import solid_ball
 from place_splats import box, garden, joined, room
 
 from splat2mesh.base.errors import InputError
-from splat2mesh.surface.background import far_background
+from splat2mesh.splats.foreground import far_background
 from splat2mesh.views.eyes import around
 from splat2mesh.views.standpoints import standpoints
 from splat2mesh.views.viewpoints import bounds_of
