@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 from splat2mesh.base.outputs import staged_file
 
-from ..output.kinds import PICTURE_SIZE
+from ..options import PICTURE_SIZE
 from .plan import percent
 
 if TYPE_CHECKING:
@@ -24,8 +24,8 @@ def plot_plan(path: str | os.PathLike[str], plan: "Plan", title: str) -> None:
     from matplotlib.figure import Figure
     from matplotlib.ticker import FuncFormatter, LogLocator
 
-    size = tuple(side / DOTS_PER_INCH for side in PICTURE_SIZE)
-    figure = Figure(size, dpi=DOTS_PER_INCH, layout="constrained")
+    width, height = PICTURE_SIZE
+    figure = Figure((width / DOTS_PER_INCH, height / DOTS_PER_INCH), dpi=DOTS_PER_INCH, layout="constrained")
     axes = figure.add_subplot(xscale="log", yscale="log", xlabel="seconds", ylabel="relative error", title=title)
     curve = sorted(plan.curve, key=lambda row: row[0])
     axes.step([row[0] for row in curve], [row[1] for row in curve], where="post", color=LINE, lw=1.5)

@@ -36,7 +36,7 @@ from ..albedo.skylight import LEAST_VISIBLE, exposure_of, seen_sky, visible_part
 from ..engine.exposure import exposure_as_captured
 from ..light.environment import Environment
 from ..light.tonemap import auto_exposure, compress_highlights
-from ..output.kinds import PICTURE_SIZE
+from ..options import PICTURE_SIZE
 from ..splats.light_ratio import log_gain, relit_sh
 from .coarse import LEAST_PLACES, CoarseSurface, coarse_surface, near_splats
 
