@@ -25,6 +25,9 @@ from .transfer.settings import (
     Settings,
 )
 
+PICTURE_SIZE = 960, 720
+"""Of pictures, in pixels."""
+
 DEFAULT_TOLERANCE = 0.01
 """Relative error of exit radiance, root mean square over vertices and colours."""
 

@@ -22,7 +22,7 @@ from .shapes import Lamp, MeshLamp, ProfileLamp, RectangleLamp, SphereLamp, Spot
 WIDEST_DEG = 90.0
 """Half angle of a cone in glTF."""
 
-NARROWEST = 1.0 - 1e-6
+NARROWEST = 1.0 - float(np.finfo(np.float32).eps)
 """Factor that keeps the beam within its cone, as glTF requires."""
 
 BEAM, FIELD = 0.5, 0.1

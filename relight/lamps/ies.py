@@ -21,9 +21,6 @@ _TILT = re.compile(r"\s*TILT\s*=", re.IGNORECASE)
 _AFTER_TILT = 13
 """Numbers between TILT and the angles."""
 
-_STEP_DEG = 1e-6
-"""Within which light begins where a table begins below it."""
-
 
 @dataclass(frozen=True, eq=False)
 class Profile:
@@ -76,9 +73,8 @@ def _parsed(text: str) -> Profile:
         raise ValueError("it gives no light")
     horizontal, candela = _all_round(horizontal, candela)
     if vertical[0] > 0.0:
-        dark = [0.0, vertical[0] - _STEP_DEG] if vertical[0] > _STEP_DEG else [0.0]
-        vertical = np.concatenate([dark, vertical])
-        candela = np.concatenate([np.zeros((len(dark), len(horizontal))), candela])
+        vertical = np.concatenate([[0.0, np.nextafter(vertical[0], 0.0)], vertical])
+        candela = np.concatenate([np.zeros((2, len(horizontal))), candela])
     return Profile(vertical, horizontal, candela / candela.max(), float(candela.max()))
 
 

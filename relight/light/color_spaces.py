@@ -28,7 +28,7 @@ SAME = 1e-5
 FARTHEST = 2.0
 """Coordinates beyond it are no chromaticities: the imaginary primaries of cameras reach 1.1."""
 
-OUTSIDE = 1e-3
+OUTSIDE = float(np.finfo(np.float16).eps)
 """Share of a pixel's brightest channel by which another may be negative: twice the rounding of half floats."""
 
 _BRADFORD = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]])

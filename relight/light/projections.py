@@ -16,8 +16,7 @@ from splat2mesh.base.sphere import texel_directions
 from ..sh import rotors
 from ..sh.latlong import project_latlong
 
-_EMPTY_SHARE = 0.9  # of the texels outside the picture; the rest leaves room for a logo in a corner
-_DARK = 0.01  # outside counts as black below this share of the median inside
+_DARK = 0.1  # mean outside the picture over the median inside, at most: black, but with room for a logo in a corner
 SUBSAMPLES = 4  # a side of each texel: a sun as wide as one keeps its energy to within 1 to 3%
 
 # Vertical cross: (column, row) of each face, and the directions of its centre, its right and its lower edge.
@@ -148,7 +147,7 @@ def _is_black_outside(image: Radiance, inside: Mask) -> bool:
     brightness = np.max(image, axis=2)
     outside = brightness[~inside]
     median = np.median(brightness[inside])
-    return outside.size > 0 and median > 0 and np.mean(outside <= _DARK * median) >= _EMPTY_SHARE
+    return outside.size > 0 and median > 0 and np.minimum(outside, median).mean() <= _DARK * median
 
 
 def _angular_inside(size: int) -> Mask:

@@ -48,7 +48,7 @@ def seen(name: str, directions: Directions) -> NDArray[np.float32]:
         low = directions[below]
         level = low * [1.0, 0.0, 1.0]
         level /= np.maximum(np.linalg.norm(level, axis=-1, keepdims=True), 1e-9)
-        air = (_HAZE * np.exp(low[..., 1] / _HAZE_HEIGHT))[..., None]
+        air = np.exp(low[..., 1] / _HAZE_HEIGHT)[..., None]
         result[below] = _mix(sky.ground, sky.formula(level), air)
     return (result / sky.mean).astype(np.float32)
 
@@ -106,8 +106,8 @@ BUILTIN = tuple(_SKIES)
 _SUNS = {"noon": ((-35.0, 60.0), (1.05, 1.0, 0.92), 5.0), "sunset": ((-60.0, 6.0), (1.50, 0.94, 0.50), 0.25)}
 """Azimuth and elevation in degrees, colour, and light on level ground over that of the sky."""
 
-_HAZE, _HAZE_HEIGHT = 0.8, 0.02
-"""Share of the air's light in that of the farthest ground, and the slope, as a sine, at which 1/e of it is left."""
+_HAZE_HEIGHT = 0.02
+"""The farthest ground is lost in the air: the slope, as a sine, at which 1/e of the air's light is left."""
 
 
 class _Sky(NamedTuple):

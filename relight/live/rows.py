@@ -13,6 +13,7 @@ from splat2mesh.base.threads import ROWS_AT_ONCE
 from splat2mesh.scene.color import luminance
 from splat2mesh.splats.splats import SH_C0, Splats
 
+from ..planning.sun_widths import QUARTERS
 from ..splats.binding import Binding
 from ..splats.light_ratio import CURVE_OFFSET, CURVE_POWER
 from ..splats.mirrored_places import Mix
@@ -24,9 +25,6 @@ from .response import BANDS, LAMPS, Response, light_vector
 
 HOPELESS = 2.0
 """Factor on the tolerance above which more clusters cannot help: sixteen times as many halve the error."""
-
-ANGLES_DEG = (0.0, 90.0, 180.0, 270.0)
-"""Angles of the lights under which the error of the bytes is measured."""
 
 
 class LitRows(NamedTuple):
@@ -117,10 +115,10 @@ def _visible_error(ratio: Radiance, color: Radiance, opacity: Floats | float = 1
 
 
 def turned_vectors(lights: Sequence[PortableLight]) -> NDArray[np.float32]:
-    """The vectors of lights at ANGLES_DEG, (T, COEFFICIENTS, 3) float32."""
+    """The vectors of lights in every quarter turn, (T, COEFFICIENTS, 3) float32."""
     vectors = []
     for light in lights:
-        for angle in ANGLES_DEG:
+        for angle in 360.0 * np.arange(QUARTERS) / QUARTERS:
             rest, whole = (light.exposure * turned(each, angle) for each in (light.rest, light.whole))
             vectors.append(light_vector(rest, whole, light.lamps))
     return np.stack(vectors).astype(np.float32)

@@ -6,12 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..light import skies
+from ..light.sky_model import SUN_RADIUS_DEG
 
 if TYPE_CHECKING:
     from ..light.environment import Environment
-
-EDGE, NEAR_SUN = 20.0, np.radians(3.0)
-"""Pixels from the horizon, and the angle from a sun, within which a built-in sky takes several samples a pixel."""
 
 
 def behind(
@@ -29,14 +27,14 @@ def behind(
 
 def is_even(environment: "Environment", directions: NDArray, pixel: float) -> NDArray[np.bool_]:
     """(N,) bool, where the light changes so little that the middle of a pixel shows it: all of an image, whose texels
-    are wide, and a built-in sky but for horizon and sun."""
+    are wide, and a built-in sky but for the sun and its rim: far ground fades into the air."""
     if environment.formula is None:
         return np.ones(len(directions), bool)
     sun = skies.sun_of(environment.formula)
-    even = np.abs(directions[:, 1]) > EDGE * pixel
-    if sun is not None:
-        even &= _unturned(directions, environment.rotation_deg) @ sun[0] < np.cos(NEAR_SUN)
-    return even
+    if sun is None:
+        return np.ones(len(directions), bool)
+    near = np.cos(np.radians(SUN_RADIUS_DEG) + 2.0 * pixel)
+    return np.asarray(_unturned(directions, environment.rotation_deg) @ sun[0] < near)
 
 
 def _unturned(directions: NDArray, angle_deg: float) -> NDArray[np.float64]:

@@ -10,7 +10,7 @@ from splat2mesh.scene.color import luminance, srgb_from_linear
 from ..light.tonemap import compress_highlights
 from ..sh import harmonics
 from .backdrop import behind
-from .sheet import MARK
+from .sheet import MARK, PAPER
 
 if TYPE_CHECKING:
     from splat2mesh.render.view import View
@@ -22,8 +22,7 @@ SIZE = 0.042
 
 SAMPLES = 2  # along a pixel's side
 GREY = 0.5  # albedo of the matt ball
-CHROME = 0.9  # reflectance of the other
-PLATE = 0.12, 0.55  # display value and opacity of what the balls lie on
+PLATE = 0.55  # opacity of the paper that the balls lie on
 STEEP = 0.35  # sine of the angle to the line of sight below which an arrow would be a dot
 
 
@@ -42,7 +41,7 @@ def add_inset(
     x, y = np.meshgrid(
         (np.arange(SAMPLES * wide) + 0.5) / SAMPLES / radius, (np.arange(SAMPLES * high) + 0.5) / SAMPLES / radius
     )
-    color, cover = np.full((*x.shape, 3), PLATE[0]), np.full(x.shape, PLATE[1])
+    color, cover = np.full((*x.shape, 3), np.divide(PAPER, 255.0)), np.full(x.shape, PLATE)
     cover[_outside_plate(x, y, wide / radius, high / radius)] = 0.0
     axes = view.camera_from_world[:3, :3]  # rows: right, down, forward
     light = strongest(environment)
@@ -65,7 +64,7 @@ def add_inset(
 
 def _chrome(normal: NDArray, axes: NDArray, environment: "Environment", exposure: float) -> NDArray:
     mirrored = np.array([0.0, 0.0, 1.0]) - 2.0 * normal[:, 2:] * normal  # the line of sight, (0, 0, 1), thrown back
-    return CHROME * behind(environment, mirrored @ axes, exposure)
+    return behind(environment, mirrored @ axes, exposure)
 
 
 def _matt(normal: NDArray, axes: NDArray, environment: "Environment", exposure: float) -> NDArray[np.float32]:

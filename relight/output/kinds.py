@@ -4,6 +4,8 @@ from typing import Any, NamedTuple
 
 from splat2mesh.base.errors import InputError
 
+from ..options import PICTURE_SIZE as PICTURE_SIZE
+
 
 class Output(NamedTuple):
     """An output. file: its name. of_splats: whether it needs the splats of the scene. writer: what writes it and names
@@ -94,9 +96,6 @@ SUN = "sun"
 
 BAKED = ("texture", "transfer")
 """The outputs of `--bake`: textured meshes, and images of the transfer for shaders."""
-
-PICTURE_SIZE = 960, 720
-"""Of pictures, in pixels."""
 
 SHEET = "sheet.png"
 """The picture with all lights."""

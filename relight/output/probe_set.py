@@ -23,7 +23,7 @@ FORMAT, VERSION = "relight-probes", 1
 
 NAME = "probes/probes.json"
 
-DIGITS = 6
+DIGITS = np.finfo(np.float32).precision
 """Significant digits of numbers in the file: nearly those of float32."""
 
 

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image, ImageColor, ImageDraw, ImageFont
 
 MOST = 12
 """Pictures on a sheet: of more, an even choice."""
@@ -21,7 +21,7 @@ def grey(level: int) -> tuple[int, int, int]:
     return level, level, level
 
 
-INK, PAPER, SHADE, MARK = grey(226), grey(20), grey(48), (255, 140, 50)
+INK, PAPER, SHADE, MARK = grey(226), grey(20), grey(48), ImageColor.getrgb("darkorange")
 """sRGB bytes of texts, of what is behind them, of what stands out from that a little, and of what is marked: no surface
 is as bright an orange. Of the session too."""
 

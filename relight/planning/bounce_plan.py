@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from ..transfer.bounces import Interreflection
 from ..transfer.first_bounce import first_bounce
 from ..transfer.occluder import Occluder
-from .costs import RAYS
+from ..transfer.settings import BOUNCE_RAYS
+from . import costs
 from .lamp_plan import SAMPLE, RayPlan
 
-CHOICES = RAYS[4:8]
-
+CHOICES = tuple(rays for rays in costs.BOUNCE_RAYS if rays >= BOUNCE_RAYS)
 
 BRIGHT = 90.0
 """Percentile of all light above which a vertex counts as if it had that much: the pool of a spot is overexposed where

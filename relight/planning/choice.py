@@ -16,7 +16,9 @@ from splat2mesh.base.arrays import Floats, Radiance
 
 from ..light import sun_split
 from ..light.environment import Environment
-from ..options import LightingOptions
+from ..options import DEFAULT_TOLERANCE, LightingOptions
+from ..sh.harmonics import MAX_BANDS
+from ..transfer import FEW_BANDS
 from ..transfer.settings import BOUNCE_TOLERANCE, BOUNCES, SHADOWS, SUN, VOLUME, Settings
 from . import costs
 from .costs import RAYS
@@ -29,19 +31,16 @@ is checked against the tolerance itself."""
 SKIPPED = 0.35
 """Part of the tolerance that skipped shadows, and leaves as surfaces, may use up: squares add."""
 
-BANDS = (3, 4, 5, 6, 8, 10)
+BANDS = tuple(range(FEW_BANDS, MAX_BANDS + 1))
 """To choose from; images of a transfer hold three at least."""
 
-SUN_TOLERANCES = tuple(0.001 * 4.0**power for power in range(4))
+SKIPS = tuple(BOUNCE_TOLERANCE * 2.0**power for power in range(10))
+"""Tolerances, those up to the one that is asked for, of each of which SKIPPED may go without shadows."""
+
+SUN_TOLERANCES = SKIPS[::2]
 """What suns are split to, whatever the tolerance. What a split leaves is estimated for walls that stand anywhere. Where
 edges of sunlight or bright sky beside the sun take much of the tolerance, the finest is cheaper than the rays that
 would make up for them."""
-
-SKIPS = tuple(0.001 * 2.0**power for power in range(10))
-"""Tolerances, those up to the one that is asked for, of each of which SKIPPED may go without shadows."""
-
-BUDGET_TOLERANCE = 0.005
-"""For what follows a tolerance, where a time is given and not an error."""
 
 
 class Leaves(NamedTuple):
@@ -119,7 +118,7 @@ class Choice:
         self.measured, self._angles = measured, angles
         self._method, self._effects = options.fixed_method, options.fixed_effects
         self._bands, self._rays, self._until = options.bands, options.rays, until
-        self._tolerance = tolerance if until is None else BUDGET_TOLERANCE
+        self._tolerance = tolerance if until is None else DEFAULT_TOLERANCE
         self._splits = {0.0: SunSplit(None, 0, 0.0)}
         if self._effects is None or SUN in self._effects:
             self._find_suns(environment, options.budget_s)

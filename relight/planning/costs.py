@@ -7,11 +7,12 @@ far as the ratio of NumPy to Embree does. `scripts/bench frontier` prints predic
 import math
 
 from ..transfer import consensus
+from ..transfer.bounce_blend import STRATIFIED
 from ..transfer.filtering import NOISE, NOISE_POWER, steps_for
 from ..transfer.settings import Settings
 
 # Of a vertex, in shadow rays.
-RAY = 1.0  # that is traced
+RAY = 1.0  # that is traced, for shadows or for bounces
 DIRECTION = 0.1  # of each ray, traced or predicted: its direction, and its sums in few bands
 RAY_COEFFICIENT = 0.0016  # per ray and coefficient, in the sums
 VERTEX = 9.0  # neighbours, and what is done once
@@ -20,34 +21,22 @@ PRODUCT_COEFFICIENT = 0.004  # for every light
 CALLS = 1.5e5  # in all: threads that wake, and what is done once whatever the settings
 LIGHT_COEFFICIENT = 4.5e3  # in all, per coefficient: the light's harmonics, .05 s in 8 bands
 SPLIT = 1e6  # in all, to find the suns of an image: .08 to .25 s for six lights
-SUN_RAY = 0.6  # per sun: half of them stand before a vertex
-FIRST_HIT = 1.2  # per bounce ray: its hit, and its entry in the matrix
+SUN_RAY = RAY / 2.0  # per sun: half of them stand before a vertex
 BOUNCE = 0.02  # per bounce ray and bounce
 FOLLOWED = 4  # bounces that matter: in a garden four darken the shadow of an object by a tenth
-
-SUNS_AT = 30, 0.01
-"""Suns to expect before they are found: so many for this tolerance, as its inverse square root."""
 
 RAYS = tuple(2**power for power in range(2, 12))
 """Rays per vertex to choose from: 4 to 2,048."""
 
 BOUNCE_RAYS = RAYS[1:8]
-"""Rays per vertex that gather bounced light, to choose from."""
+"""Rays per vertex that gather bounced light or the half-shadows of lamps, to choose from: 8 to 512."""
 
-BOUNCE_NOISE, BOUNCE_POWER = 0.242, -0.61
+BOUNCE_NOISE, BOUNCE_POWER = 0.275, -(1.0 + STRATIFIED[1]) / 2.0
 """Error of bounced light by rays per vertex, a law, over all light and the root of the share that bounced: the fewer
-rays meet anything, the noisier. .068 of 8 to .0054 of 512: upper end of three scenes with shares of .06 to .15, without
-the average over rings (a corner with .33 has two thirds), times what that leaves of it on a patio and in a parlour; on
-objects it leaves less. `bounce_check` finds what it is."""
-
-PREDICTED = 1.06
-"""Noise where neighbours predict some of the rays over that where all are traced, after averaging: 1.00 to 1.09 in
-3 and 8 bands on a room, two gardens and an object (`scripts/bench rays --spare`)."""
-
-
-def expected_suns(tolerance: float) -> float:
-    """The number of suns that a split within a tolerance may need."""
-    return SUNS_AT[0] * (SUNS_AT[1] / tolerance) ** 0.5
+rays meet anything, the noisier. It falls as stratified rays let it. Through the middle of .068 of 8 to .0054 of
+512: upper end of three scenes with shares of .06 to .15, without the average over rings (a corner with .33 has two
+thirds), times what that leaves of it on a patio and in a parlour; on objects it leaves less. `bounce_check` finds what
+it is."""
 
 
 def bounce_error(rays: int, share: float) -> float:
@@ -84,7 +73,7 @@ def seconds(
     if settings.sun_tolerance:
         once += SPLIT
     if not there[1]:
-        once += FIRST_HIT * settings.bounce_rays * traced
+        once += RAY * settings.bounce_rays * traced
     each = PRODUCT_COEFFICIENT * coefficients * vertices + SUN_RAY * suns * traced
     each += BOUNCE * settings.bounce_rays * FOLLOWED * traced
     return once * ray_s, each * ray_s
@@ -94,8 +83,8 @@ def noise(rays: int, bands: int) -> float:
     """Standard deviation of one coefficient for a vertex that sees half of the sky in patches: times sqrt(f (1 - f)).
 
     The law of `filtering` for single vertices, and what averaging over neighbours leaves of it, which was fitted to
-    five meshes (scripts/bench rays): .38 with 8 rays, all of it with a thousand.
+    five meshes (scripts/bench rays): .38 with 8 rays, all of it with a thousand. Where neighbours predict some
+    of the rays there is up to a tenth more of it (`scripts/bench rays --spare`), which the check finds.
     """
     left = min(max(0.19 * rays**0.31 * (3.0 / bands) ** 0.17, 0.38), 1.0) if steps_for(rays, bands) else 1.0
-    left *= PREDICTED if consensus.worth(rays, consensus.LEAST_VERTICES) else 1.0
     return math.sqrt(NOISE * rays**NOISE_POWER) * left

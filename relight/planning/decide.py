@@ -10,13 +10,14 @@ import numpy as np
 from splat2mesh.base.arrays import Integers, Mask, Radiance
 
 from ..light.environment import Environment
+from ..light.sun_split import DEFAULT_LIMIT
 from ..options import DEFAULT_TOLERANCE, LightingOptions
 from ..transfer.occluder import Occluder
 from ..transfer.settings import BOUNCES, VOLUME, VOLUME_DIRECTIONS, VOLUME_ERROR, Settings
 from ..transfer.store import Cache
 from ..transfer.volume import Foliage
 from . import costs
-from .choice import BUDGET_TOLERANCE, SKIPPED, SUN_TOLERANCES, Choice, Leaves, best_of, curve_of
+from .choice import SKIPPED, SUN_TOLERANCES, Choice, Leaves, best_of, curve_of
 from .effect_errors import EffectErrors
 from .plan import Plan
 from .sample import Sample, ray_seconds
@@ -67,8 +68,7 @@ def unmeasured(scene: PlannedScene, options: LightingOptions, angles: int = 1) -
         settings = options.unplanned._replace(volume=0, **finer)
         if scene.albedo is None:
             settings = settings._replace(bounce_rays=0, bounce_tolerance=0.0)
-        suns = round(costs.expected_suns(settings.sun_tolerance))
-        once, each = costs.seconds(settings, vertices, vertices, ray_s, suns)
+        once, each = costs.seconds(settings, vertices, vertices, ray_s, DEFAULT_LIMIT)
         curve.append((once + angles * each, error, settings))
     if budget_s is None:
         known = [row for row in curve if row[1] <= options.accepted_error]
@@ -78,8 +78,7 @@ def unmeasured(scene: PlannedScene, options: LightingOptions, angles: int = 1) -
         return None
     (seconds, error, settings), took = known[0], time.perf_counter() - start
     tolerance = None if budget_s else options.accepted_error
-    suns = round(costs.expected_suns(settings.sun_tolerance))
-    return Plan(settings, error, seconds, suns, tolerance, budget_s, 0, 0, [], curve, took)
+    return Plan(settings, error, seconds, DEFAULT_LIMIT, tolerance, budget_s, 0, 0, [], curve, took)
 
 
 def planned(
@@ -95,7 +94,7 @@ def planned(
     options = (options or LightingOptions()).planned()
     budget_s, effects = options.budget_s, options.fixed_effects
     tolerance = DEFAULT_TOLERANCE if options.tolerance is None else options.tolerance
-    wish = tolerance if budget_s is None else BUDGET_TOLERANCE
+    wish = tolerance if budget_s is None else DEFAULT_TOLERANCE
     sample = Sample(scene.occluder, scene.sizes, SAMPLE_VERTICES, SAMPLE_DIRECTIONS, scene.traced, scene.cache)
     albedo, foliage = scene.albedo, scene.foliage
     if albedo is None and effects is not None and BOUNCES in effects:

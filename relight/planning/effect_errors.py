@@ -21,9 +21,6 @@ from .paths import Bounced
 from .sample import SCAN_VERTICES, Sample
 from .sun_widths import width_error
 
-UNSEEN_AMBIENCE = 1.5
-"""Light from hidden directions over the mean, assumed where no vertex of the sample has anything before it."""
-
 DARK = 1e-3
 """Errors are relative to at least this part of the light of unshadowed surfaces: darkness has no relative error."""
 
@@ -170,11 +167,11 @@ class EffectErrors:
 
     @cached_property
     def _ambience(self) -> float:
-        """Hidden light of the sample over the hidden share of an even sky, at least 1."""
+        """Hidden light of the sample over the hidden share of an even sky, at least 1; 1 where nothing is hidden."""
         hidden = self.sample.open - self.sample.seen
         even = math.sqrt(float(self.sample.mean_square(hidden.sum(axis=1, keepdims=True))))
         if not even > 0.0:
-            return UNSEEN_AMBIENCE
+            return 1.0
         return max(1.0, float((self._norm(self._through(hidden, self._light)) / self.total).max()) / even)
 
     def _rest(

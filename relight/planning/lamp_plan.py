@@ -12,20 +12,16 @@ from ..lamps.emitters import Emitters
 from ..lamps.tracing import CHANCE_PART, LitVertices, lamplight
 from ..transfer.neighbors import along_curve
 from ..transfer.occluder import Occluder
-from .costs import RAYS
+from .costs import BOUNCE_RAYS
 
 SAMPLE = 1024
 """Vertices of the sample. Of half-shadows, which are on a tenth of them, it has a hundred."""
 
-CHOICES = RAYS[1:7]
 REFERENCE = SAMPLE
 
-MANY = ALONE + CHANCE_PART * CHOICES[0]
+MANY = ALONE + CHANCE_PART * BOUNCE_RAYS[0]
 """Emitters beyond which some choice of rays makes vertices choose among them. The sample then consists of whole blocks
 of vertices, which share a list of the brightest, and its reference takes every emitter at each vertex."""
-
-MORE_CHOICES = RAYS[7:9]
-"""Rays that may be taken beyond CHOICES where vertices choose among many emitters: with them the choice grows."""
 
 BLOCKS, JUDGED, MANY_PAIRS = 96, 4, 2**22
 """Blocks in the sample, vertices in each that have a reference, and how many pairs of vertex and emitter that has at
@@ -110,7 +106,7 @@ def plan_lamps(
     beside = beside[rows[judged]]
     whole = float(np.sqrt(np.square(true + beside).mean(dtype=np.float64)))
     curve = []
-    for rays in CHOICES + MORE_CHOICES * many:
+    for rays in BOUNCE_RAYS:
         start = time.perf_counter()
         found = lamplight(occluder, emitters, rays, at=at, least=least, seed=seed)
         seconds = (time.perf_counter() - start) * count / len(rows)

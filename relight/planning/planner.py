@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..options import DEFAULT_TOLERANCE, LightingOptions
+from ..transfer.filtering import NOISE_POWER
 from ..transfer.split_light import image_key
 from ..transfer.store import array_key
 from .bounce_check import MOST_ROUNDS, bounce_errors, more_rays
@@ -25,9 +26,9 @@ if TYPE_CHECKING:
 MOST_DOUBLINGS = 4
 """How often the rays may be doubled when the sample shows more noise than was planned for."""
 
-UNMENDED = 0.85
-"""Part of the tolerance beyond which what rays cannot mend ends their doubling, once it is more than their noise: many
-times as many would hardly help."""
+UNMENDED = (1.0 + 2.0**NOISE_POWER) ** -0.5
+"""Part of the tolerance beyond which what rays cannot mend ends their doubling, once it is more than their noise: where
+both are as large, the next doubling does not lead within the tolerance."""
 
 CHECKED = "rays and bounces, suns for all bands"
 """What is checked after the work, and for what suns are found. Plans that earlier versions kept are made anew."""

@@ -5,12 +5,13 @@ from typing import TYPE_CHECKING
 
 from splat2mesh.base.outputs import staged_file
 
+from ..options import PICTURE_SIZE
 from .plan import percent
 
 if TYPE_CHECKING:
     from .plan import Plan
 
-INCHES, DOTS_PER_INCH = (8.0, 4.5), 120
+DOTS_PER_INCH = 100
 
 LINE, CHOICE = "#1f5fa8", "#c22f2f"
 
@@ -23,7 +24,8 @@ def plot_plan(path: str | os.PathLike[str], plan: "Plan", title: str) -> None:
     from matplotlib.figure import Figure
     from matplotlib.ticker import FuncFormatter, LogLocator
 
-    figure = Figure(INCHES, dpi=DOTS_PER_INCH, layout="constrained")
+    width, height = PICTURE_SIZE
+    figure = Figure((width / DOTS_PER_INCH, height / DOTS_PER_INCH), dpi=DOTS_PER_INCH, layout="constrained")
     axes = figure.add_subplot(xscale="log", yscale="log", xlabel="seconds", ylabel="relative error", title=title)
     curve = sorted(plan.curve, key=lambda row: row[0])
     axes.step([row[0] for row in curve], [row[1] for row in curve], where="post", color=LINE, lw=1.5)

@@ -26,7 +26,7 @@ vertices, 3% of error if it is deep, escapes 4096 of them once in sixty times.""
 
 LEAST_PER_CHUNK = 16
 
-TIMED_BATCHES, STRETCHES, STRETCH_VERTICES, TIMED_RAYS = 5, 16, 256, 4
+TIMED_BATCHES, STRETCHES, STRETCH_VERTICES = 5, 4, 256
 """How the time of a ray is measured: batches of vertices that lie side by side, as in the work, where rays find in the
 caches what earlier rays left there. Of vertices far apart they take longer, the more the larger the mesh. The median
 counts: the first batch wakes threads."""
@@ -203,14 +203,14 @@ class Sample:
 def ray_seconds(occluder: Occluder, order: Indices, batches: int = TIMED_BATCHES) -> tuple[float, int]:
     """Seconds per bare ray of the work, from stretches of the vertices in an order along a curve; and rays shot."""
     begins = np.linspace(0, len(order), batches * STRETCHES, endpoint=False).astype(int)
-    azimuths, seconds, rays = sampling.fibonacci_azimuths(TIMED_RAYS), [], 0
+    azimuths, seconds, rays = sampling.fibonacci_azimuths(SCAN_RAYS), [], 0
     for number in range(batches):
         rows = np.concatenate([order[begin : begin + STRETCH_VERTICES] for begin in begins[number::batches]])
-        shot = np.zeros((len(rows), TIMED_RAYS, 6), np.float32)
+        shot = np.zeros((len(rows), SCAN_RAYS, 6), np.float32)
         sampling.shoot(occluder.origins[rows], occluder.normals[rows], azimuths, 1, shot)
         start = time.perf_counter()
         rays += occluder.occluded(shot).size
-        seconds.append((time.perf_counter() - start) / max(1, len(rows) * TIMED_RAYS))
+        seconds.append((time.perf_counter() - start) / max(1, len(rows) * SCAN_RAYS))
     return float(np.median(seconds)), rays
 
 

@@ -14,12 +14,13 @@ from splat2mesh.base.arrays import Floats, Mask, Points
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.sphere import fibonacci_sphere
 from splat2mesh.capture import Capture
-from splat2mesh.render.opacitygrid import OpacityGrid
+from splat2mesh.render.opacitygrid import CELLS, OUTER_CELLS, OpacityGrid
 from splat2mesh.scene.color import linear_from_srgb
 from splat2mesh.splats.splats import SH_C0, SOLID, Splats
 from splat2mesh.views.viewpoints import bounds_of
 
 from ..albedo.evidence import LitPlaces
+from ..albedo.samples import DIRECTIONS as SKY_DIRECTIONS
 from ..albedo.samples import neighbor_pairs
 
 PLACES = 4000
@@ -28,14 +29,13 @@ PLACES = 4000
 LEAST_PLACES = 100
 """Fewer tell nothing of a light."""
 
-DIRECTIONS = 512
-"""Of light: half as many as the estimate of the captured light of a mesh has."""
+DIRECTIONS = SKY_DIRECTIONS // 2
+"""Of light, and to tell on which side of a surface the air is: half as many as the estimate of the captured
+light of a mesh has."""
 
-SIDES = 128
-"""Directions that tell on which side of a surface the air is."""
 
-INNER_CELLS, OUTER_CELLS = 2_000_000, 300_000
-"""Of the opacity of space: an eighth of what standpoints are found with."""
+COARSER = 8
+"""Times fewer cells for the opacity of space than standpoints are found with."""
 
 AROUND = 16
 """Gaussians whose shape and colour count at a place."""
@@ -75,7 +75,9 @@ class CoarseSurface(NamedTuple):
 
 def coarse_surface(capture: Capture, seed: int = 0) -> CoarseSurface:
     """The CoarseSurface of a Capture. Raises InputError for one without a surface."""
-    grid = OpacityGrid.around(near_splats(capture), bounds_of(capture.foreground), INNER_CELLS, OUTER_CELLS)
+    grid = OpacityGrid.around(
+        near_splats(capture), bounds_of(capture.foreground), CELLS // COARSER, OUTER_CELLS // COARSER
+    )
     turn = capture.rotation[:3, :3]
     plain = replace(capture.foreground, sh=capture.foreground.sh[:, :1])
     solid = plain.take(np.flatnonzero(plain.opacities > SOLID))
@@ -139,7 +141,7 @@ def _sides(
 ) -> tuple[NDArray[np.float64], Mask]:
     """1 or -1, (N,), so that normals point to where the capture stood, without eyes to where more of space is open; and
     whether that side was seen, (N,) bool."""
-    directions = fibonacci_sphere(SIDES)
+    directions = fibonacci_sphere(DIRECTIONS)
     seen = []
     for side in (1.0, -1.0):
         start = points + side * step * normals

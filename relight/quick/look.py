@@ -20,6 +20,7 @@ from splat2mesh.render.view import View
 from splat2mesh.scene.color import bytes_from_unit, luminance, srgb_from_linear
 from splat2mesh.splats.splats import Splats
 from splat2mesh.surface.captured_sky import captured_sky
+from splat2mesh.surface.carried import NEAREST
 from splat2mesh.views.cameras import spread_out
 from splat2mesh.views.picture import place_view
 from splat2mesh.views.viewpoints import bounds_of, near_plane, picture_view
@@ -35,18 +36,12 @@ from ..albedo.skylight import LEAST_VISIBLE, exposure_of, seen_sky, visible_part
 from ..engine.exposure import exposure_as_captured
 from ..light.environment import Environment
 from ..light.tonemap import auto_exposure, compress_highlights
+from ..options import PICTURE_SIZE
 from ..splats.light_ratio import log_gain, relit_sh
 from .coarse import LEAST_PLACES, CoarseSurface, coarse_surface, near_splats
 
-NEAREST = 6
-"""Places whose change of light a Gaussian takes."""
-
 FIRST_EYES = 8
 """Standpoints, those that show most, among which that of the picture is chosen."""
-
-
-WIDTH = 960
-"""Pixels of the picture, as of the final one."""
 
 
 class FirstLook(NamedTuple):
@@ -165,10 +160,10 @@ def _view(capture: Capture, surface: CoarseSurface) -> View:
     """The camera of the picture: where the final one is likely to stand."""
     up, standing = capture.rotation[1, :3], capture.standing
     if standing.kind == "outside":
-        return picture_view(capture.foreground, up).resized(WIDTH)
+        return picture_view(capture.foreground, up).resized(PICTURE_SIZE[0])
     trained = spread_out(capture.trained, PICTURED)
     eyes = standing.eyes[:FIRST_EYES]
-    return place_view(surface.points, lambda view: _depth(surface, view), eyes, trained, up).resized(WIDTH)
+    return place_view(surface.points, lambda view: _depth(surface, view), eyes, trained, up).resized(PICTURE_SIZE[0])
 
 
 def _depth(surface: CoarseSurface, view: View) -> Floats:

@@ -6,6 +6,7 @@ a sky in each of six directions as surfaces reflect it. There the difference of 
 the noise that the spread of the single rays predicts. So the average is linear in the light, and one for all lights.
 """
 
+import sys
 from typing import NamedTuple
 
 import numpy as np
@@ -21,9 +22,7 @@ STRATIFIED = 16.0, 0.28
 """Variance of the mean of R stratified rays over that of independent ones: (16 / R)^.28. The error of bounced light
 falls with R^-.64 in a parlour and on a patio, with R^-.70 on a tabletop."""
 
-LEAST_VARIANCE, LEAST_HIDDEN = 1e-20, 1e-6
-
-FIELDS = 6
+TINY = sys.float_info.min
 
 
 class Met(NamedTuple):
@@ -48,7 +47,7 @@ class BounceBlend:
         self,
         neighbors: Neighbors,
         rays: Met,
-        known: NDArray[np.float32],  # (V, 2 FIELDS) what rays met of known lights, and of their squares
+        known: NDArray[np.float32],  # (V, 2 F) what rays met of F `known_lights`, and of their squares
     ) -> None:
         """Measure the share, (N,), that each node takes from its ring."""
         rows = self._vertices = neighbors.vertices
@@ -58,8 +57,8 @@ class BounceBlend:
         ring = self._starts, self._columns, neighbors.weights
         in_slices(_weigh, len(rows), *ring, met, outside, rays.hidden[rows].astype(np.float64), self._weights, alike)
         mean = known[rows]
-        own = mean[:, :FIELDS].astype(np.float64)
-        spread = np.maximum(mean[:, FIELDS:] - own**2, 0.0).sum(axis=1) / np.maximum(met, 1.0)
+        own, square = np.split(mean.astype(np.float64), 2, axis=1)
+        spread = np.maximum(square - own**2, 0.0).sum(axis=1) / np.maximum(met, 1.0)
         noise = spread * (STRATIFIED[0] / rays.rays) ** STRATIFIED[1]
         self.share, off = np.empty(len(rows)), np.empty(len(rows))
         in_slices(_apart, len(rows), *ring[:2], self._weights, own, off)
@@ -74,7 +73,7 @@ class BounceBlend:
 
 
 def known_lights(visible: NDArray[np.floating], normals: NDArray[np.float32]) -> NDArray[np.float32]:
-    """(V, FIELDS) what vertices that see so much of the sky, (V,), reflect of one that is bright on one side."""
+    """(V, 6) what vertices that see so much of the sky, (V,), reflect of one that is bright on one side."""
     sides = np.concatenate([1.0 + normals, 1.0 - normals], axis=1) / 2.0
     return (np.asarray(visible)[:, None] * sides).astype(np.float32)
 
@@ -98,15 +97,15 @@ def _weigh(
         for k in range(starts[i], starts[i + 1]):
             j = columns[k]
             part = weights[k] * (met[j] if outside[j] else 0.0)
-            most = max(max(hidden[i], hidden[j]), LEAST_HIDDEN)
+            most = max(max(hidden[i], hidden[j]), TINY)
             likeness = min(hidden[i], hidden[j]) / most
             shares[k] = part * (likeness * likeness)
             total += shares[k]
             counted += part
-        scale = 1.0 / max(total, LEAST_VARIANCE)
+        scale = 1.0 / max(total, TINY)
         for k in range(starts[i], starts[i + 1]):
             shares[k] *= scale
-        alike[i] = total / max(counted, LEAST_VARIANCE) if outside[i] else 0.0
+        alike[i] = total / max(counted, TINY) if outside[i] else 0.0
 
 
 @kernel
@@ -119,7 +118,7 @@ def _apart(
     own: NDArray[np.float64],
     off: NDArray[np.float64],
 ) -> None:
-    """The squared difference of each node's known lights (N, FIELDS) from those of its ring."""
+    """The squared difference of each node's known lights (N, F) from those of its ring."""
     for i in range(begin, end):
         off[i] = 0.0
         for c in range(own.shape[1]):
@@ -153,7 +152,7 @@ def _shares(
             of_ring += shares[k] * shares[k] * noise[j]
         of_own, apart = of_own / total, apart / total
         bias = max(apart - of_own - of_ring, 0.0)
-        found[i] = alike[i] * (of_own / max(of_own + of_ring + bias, LEAST_VARIANCE))
+        found[i] = alike[i] * (of_own / max(of_own + of_ring + bias, TINY))
 
 
 @kernel

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from splat2mesh.base.beside import Beside
 from splat2mesh.base.errors import DataWarning, InputError
-from splat2mesh.base.inputs import GIB, load_arrays
+from splat2mesh.base.inputs import GIB, LARGEST_TEXT, load_arrays
 from splat2mesh.base.leftovers import sweep
 from splat2mesh.base.outputs import staged_file
 
@@ -36,8 +36,6 @@ FOLDER = "cache"
 LARGEST = 1 << 34
 """Bytes of the arrays of one file: the transfer of 5 million vertices in 10 bands has 2 GB."""
 
-LONGEST = 1 << 16
-"""Bytes of the key and the settings of a file."""
 
 LEAST_BYTES, BYTES_PER_VERTEX, MOST_BYTES = GIB // 4, 1_100, 2 * GIB
 """Bytes of a folder's files, by the vertices of its scene, and their bounds; the newest of each kind stay whatever its
@@ -195,7 +193,7 @@ def _as_json(settings: tuple[object, ...]) -> str:
 def _label(path: Path) -> tuple[str, list[Any]] | None:
     """(key, settings) that a file carries, or None for another program's, another version's or a torn one."""
     try:
-        found = load_arrays(path, LONGEST, ("key", "settings"))
+        found = load_arrays(path, LARGEST_TEXT, ("key", "settings"))
         settings = json.loads(str(found["settings"]))
     except (OSError, InputError, ValueError, MemoryError, RecursionError):
         return None
@@ -205,7 +203,7 @@ def _label(path: Path) -> tuple[str, list[Any]] | None:
 def _version(path: Path) -> int | None:
     """The version of a file, or None for another program's or a torn one."""
     try:
-        version, _, geometry = str(load_arrays(path, LONGEST, ("key",))["key"]).partition(" ")
+        version, _, geometry = str(load_arrays(path, LARGEST_TEXT, ("key",))["key"]).partition(" ")
     except (OSError, InputError, ValueError, MemoryError):
         return None
     return int(version) if geometry and version.isascii() and version.isdigit() and len(version) < 10 else None

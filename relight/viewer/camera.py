@@ -15,7 +15,7 @@ HIGHEST_DEG = 89.0
 
 ORBIT_DEG = 180.0  # of the eye, or of a light, by a drag across the height of the window
 WHEEL = 1.12  # factor of distance for one step
-NEAREST, FARTHEST = 1e-3, 50.0  # distances to the target, over the scene's diagonal
+ZOOM = 1000.0  # times nearer and farther than the scene's diagonal that the eye goes to its target
 
 TOO_NEAR = 0.1
 """Distance of a target from the eye, over the diagonal, that can only be a direction."""
@@ -119,7 +119,7 @@ class Orbit:
     def nearer(self, steps: float) -> "Orbit":
         """Towards the target by steps of the wheel; negative ones lead away."""
         distance = self.distance * WHEEL**-steps
-        return replace(self, distance=min(max(distance, NEAREST * self.diagonal), FARTHEST * self.diagonal))
+        return replace(self, distance=min(max(distance, self.diagonal / ZOOM), ZOOM * self.diagonal))
 
 
 def _depth_ahead(offsets: NDArray, forward: NDArray, least: float) -> float:

@@ -6,6 +6,7 @@ window, off screen and in a browser.
 
 from typing import Any, NamedTuple
 
+import numpy as np
 from vtkmodules.vtkCommonCore import vtkPoints, vtkUnsignedCharArray
 from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
 from vtkmodules.vtkRenderingCore import (
@@ -17,7 +18,7 @@ from vtkmodules.vtkRenderingCore import (
     vtkTextRenderer,
 )
 
-from ..output.sheet import INK, MARK, PAPER, SHADE, grey
+from ..output.sheet import INK, MARK, PAPER, SHADE
 
 
 class Style(NamedTuple):
@@ -29,14 +30,18 @@ class Style(NamedTuple):
 
 SMALL, KEY = Style(), Style(bold=True)
 
-OPAQUE = 255
-TEXT, DARK, DIM, WARNING = INK, PAPER, grey(152), MARK
+
+def _between(one: tuple[int, ...], other: tuple[int, ...]) -> tuple[int, ...]:
+    return tuple((a + b) // 2 for a, b in zip(one, other, strict=True))
+
+
+OPAQUE = np.iinfo(np.uint8).max
+TEXT, DARK, DIM, WARNING = INK, PAPER, _between(INK, SHADE), MARK
 BAR, CHIP, ON, HANDLE = (*DARK, 215), (*SHADE, OPAQUE), (*MARK, OPAQUE), (*TEXT, OPAQUE)
-IDLE = *((one + other) // 2 for one, other in zip(MARK, DARK, strict=True)), OPAQUE
+IDLE = *_between(MARK, DARK), OPAQUE
 """sRGB bytes of texts, and of what is drawn, with opacity."""
 
 MARGIN = 16  # units from the edges of the window
-_LEAST_SIZE = 6  # pixels of a text
 _DPI = 72  # a point is a pixel
 
 
@@ -148,7 +153,7 @@ class Canvas:
         return True
 
     def _pixels(self, style: Style) -> int:
-        return max(_LEAST_SIZE, round(self.scale * style.size))
+        return round(self.scale * style.size)
 
     def _extent(self, string: str, size: int, bold: bool) -> tuple[int, int, int, int]:
         """Left, width, lower, height in pixels of a text about its origin; kept, since measuring draws it."""

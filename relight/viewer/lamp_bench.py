@@ -19,11 +19,9 @@ from ..lamps.asked import AskedLamp, resolve
 from ..lamps.photometry import axis_intensity
 from ..live.terms import MOST_LAMPS
 from .lamp_board import BoardLamp, BoardState, LampBoard, without_color
+from .lighting import SPARE
 from .sources import LampSource, LampSum
 from .worker import Superseded, in_words
-
-SPARE = 8
-"""States and glimpses kept, and terms beside those of the present lamps: 2.4 to 3.6 MB each for 100,000 vertices."""
 
 DARK = "the lamps light nothing: they are inside a wall, outside, or face away"
 

@@ -25,23 +25,23 @@ Units = tuple[float, float]
 DESIGN_SIZE = PICTURE_SIZE
 """Of the window in which a unit is a pixel; others are scaled by what fits."""
 
-SCALES = 0.5, 3.0
+LEAST_SCALE = 0.5  # below which texts cannot be read
 TOP = 48
 BOTTOM = 2 * TOP
 """Heights of the two bars."""
 
-CURVE = 200, 80
+CURVE = 2 * BOTTOM, BOTTOM
 """Width and height of the curve of a plan."""
 
 _GAP = MARGIN // 2
-_HELP_WIDTH, _HELP_ROW = 720, 21
-_CHIP_ROOM = 180  # for the text of a button: a long name must not push others out of the window
+_HELP_WIDTH, _HELP_ROW = DESIGN_SIZE[0] - 2 * BOTTOM, 21
+_CHIP_ROOM = CURVE[0]  # for the text of a button: a long name must not push others out of the window
 _MARK = 5  # half the width of the mark of a lamp
 
 
 def scale_of(size: tuple[int, int]) -> float:
     """Pixels in a unit, in a window of this width and height."""
-    return float(np.clip(min(size[0] / DESIGN_SIZE[0], size[1] / DESIGN_SIZE[1]), *SCALES))
+    return max(min(size[0] / DESIGN_SIZE[0], size[1] / DESIGN_SIZE[1]), LEAST_SCALE)
 
 
 def bars_of(size: tuple[int, int]) -> tuple[float, float]:

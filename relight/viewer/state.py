@@ -21,7 +21,7 @@ RANGES = {
     "angle_deg": (0.0, 360.0),
     "exposure_ev": (-6.0, 6.0),
     "tolerance": (0.003, 0.10),
-    "split_at": (0.02, 0.98),
+    "split_at": (0.0, 1.0),
     "lamps": (0.0, 10.0),
     "captured": (0.0, 1.0),
     "lamp_ev": (-4.0, 10.0),

@@ -29,7 +29,7 @@ from .splat_painter import coarser, joined
 from .stage import Stage, pixels
 
 SIZE = PICTURE_SIZE
-TURN_DEG_PER_SECOND = 36.0  # of a light that turns by itself
+TURN_SECONDS = 10.0  # of a light that turns by itself, once around
 IDLE_SECONDS = 0.005  # between two polls of mouse and worker
 RESTING_OBJECT_SAMPLES = 2  # along the side of a pixel
 
@@ -118,7 +118,7 @@ class Window:
         session.poll()
         if session.state.turning and self._recording is None:
             elapsed = min(now - self._ticked, 0.5) if np.isfinite(self._ticked) else 0.0
-            session.change(angle_deg=session.state.angle_deg + TURN_DEG_PER_SECOND * elapsed)
+            session.change(angle_deg=session.state.angle_deg + 360.0 * elapsed / TURN_SECONDS)
         self._ticked = now
         if self._recording is not None:
             self._recording.tick()

@@ -55,8 +55,7 @@ def test_a_plan_predicts_the_error_of_the_choice_and_keeps_to_the_tolerance(stre
 
 
 def test_a_tolerance_that_nothing_keeps_to_is_said(street, monkeypatch):
-    monkeypatch.setattr(lamp_plan, "CHOICES", (8,))
-    monkeypatch.setattr(lamp_plan, "MORE_CHOICES", (16,))
+    monkeypatch.setattr(lamp_plan, "BOUNCE_RAYS", (8, 16))
     occluder, emitters = street
     plan = plan_lamps(occluder, emitters, np.zeros_like(occluder.origins), 1e-7)
     assert not plan.within and not plan.as_dict()["within_tolerance"]
