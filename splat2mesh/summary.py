@@ -5,10 +5,7 @@ from pathlib import Path
 from .base.choices import DEFAULT_VERTICES
 from .scene.folder import PICTURE, PROXY, TEXTURED
 from .scene.scene import Scene
-
-PROXY_ERROR = 2.5
-"""Distance between a closed proxy and the mesh, in voxels of the proxy, at most."""
-
+from .surface.wrap import FARTHEST
 
 FEWER = 1.1
 """Requested vertices per vertex of the mesh above which the summary says that the surface has no more."""
@@ -48,6 +45,6 @@ def extras_of(scene: Scene, output: Path) -> list[str]:
     if kind:
         counts = scene.statistics
         named = "one closed surface" if kind == "closed" else f"{counts['proxy_bodies']} convex parts"
-        within = PROXY_ERROR * counts["proxy_voxel"]
+        within = FARTHEST * counts["proxy_voxel"]
         lines += [f"  {output / PROXY}: {named} of {counts['proxy_faces']:,} faces, within {within:.2g} of the mesh"]
     return lines

@@ -29,9 +29,6 @@ SMOOTHED = 2
 TURNS = 8
 """Orientations within a quarter turn that are tried for a chart, to fill its rectangle best."""
 
-FITS = 24
-"""Steps of the search for the largest scale at which all charts fit."""
-
 
 class Charts(NamedTuple):
     """Charts of a surface, C of them, as large as requested and not placed yet.
@@ -57,7 +54,7 @@ class Charts(NamedTuple):
         if _pack(self.extent, self.order, size, corner):
             low = 1.0
         else:
-            for _ in range(FITS):
+            while high - low > 0.5 / size:  # half a texel of all of the square
                 middle = (low + high) / 2
                 if _pack(self.extent * middle, self.order, size, corner):
                     low = middle

@@ -9,12 +9,14 @@ import scipy
 from numpy.typing import NDArray
 
 from ..base.arrays import Indices, Points
+from ..base.cells import CELLS, keys_of
+from ..options import LEAST_VERTICES
 from ..scene.mesh import Mesh
 from ..surface.decimate import decimate
 from .lattice import normals_of
 
-TOTAL, LEAST = 120_000, 24
-"""Vertices of the coarse city, which every worker holds: of all tiles together, and of one tile at least."""
+TOTAL = 120_000
+"""Vertices of the coarse city, which every worker holds, of all tiles together."""
 
 FEW, SHARE = 1_500, 0.06
 """Vertices of the twin that tiles not far away see: as many as of the coarse city, but no more than a share of its own
@@ -23,13 +25,11 @@ and no fewer than a few. A tile of fewer is its own twin."""
 ALLOWED = 1.25
 """Vertices of a twin, over those wanted, from which decimation counts as failed."""
 
-_HALVINGS, _FINEST = 12, 2.0**-20  # of the search for the size of cells, and the least, in longest sides
-
 
 def twins(mesh: Mesh, tiles: int) -> tuple[Mesh, Mesh | None]:
     """Vertices of a tile's twins in a city of so many tiles: for near tiles, and for the whole city, where that is
     less."""
-    most = max(LEAST, TOTAL // max(tiles, 1))
+    most = max(LEAST_VERTICES, TOTAL // max(tiles, 1))
     far = coarse(mesh, max(FEW, min(most, round(SHARE * len(mesh.vertices)))))
     return far, None if len(far.vertices) <= ALLOWED * most else coarse(far, most)
 
@@ -59,15 +59,15 @@ def merged_in_cells(
     Source: Rossignac, Borrel, "Multi-resolution 3D approximations for rendering complex scenes", 1993.
     """
     low = points.min(axis=0)
-    longest = float(np.ptp(points, axis=0).max()) or 1.0
-    finest, coarsest = np.log2(_FINEST * longest), np.log2(1.001 * longest)
-    for _ in range(_HALVINGS):
-        middle = (finest + coarsest) / 2
-        if len(np.unique(_cells(points - low, 2.0**middle))) > wanted:
-            finest = middle
+    longest = 1.001 * float(np.ptp(points, axis=0).max()) or 1.0
+    few, many = 1, CELLS // 2  # cells along the longest side
+    while many - few > 1:
+        middle = (few + many) // 2
+        if len(np.unique(_cells(points - low, longest / middle))) > wanted:
+            many = middle
         else:
-            coarsest = middle
-    _, cell = np.unique(_cells(points - low, 2.0**coarsest), return_inverse=True)
+            few = middle
+    _, cell = np.unique(_cells(points - low, longest / few), return_inverse=True)
     held = np.bincount(cell)
     means = np.stack([np.bincount(cell, points[:, axis]) / held for axis in range(3)], axis=1)
     corners = np.sort(cell[faces], axis=1)
@@ -80,5 +80,4 @@ def merged_in_cells(
 
 def _cells(places: Points, size: float) -> Indices:
     """A number for the cell of each place, (N,) int64."""
-    x, y, z = np.floor(places / size).astype(np.int64).T
-    return x << 42 | y << 21 | z
+    return keys_of(np.floor(places / size))

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.arrays import Floats, Mask
+from ..base.cells import CELLS, keys_of
 from ..base.errors import InputError
 from ..surface.octree import HALF
 from .memory import BASE_GB, check_memory
@@ -35,9 +36,6 @@ training pixels far below, which would call for cells and stations that no splat
 PER_CUBE, LEAST_PER_CUBE, CUBE_ROUNDS = 30, 3, 5
 """Splats of the sample, on average and at least, in a cube that a surface goes through; and rounds in which the size of
 the cubes is found."""
-
-MOST_CUBES = 2**20
-"""Most cubes along each axis."""
 
 STATION_REACH, STATION_SPACING = 1.3, 0.8
 """Range of a station and spacing of stations, in units of the distance at which two training pixels fill
@@ -159,12 +157,11 @@ def apart(places: NDArray, weights: NDArray) -> float:
     stands for. The surface has as many squares as there are cubes with splats in them."""
     low, high = np.percentile(places, [1, 99], axis=0)
     inside = ((places >= low) & (places <= high)).all(axis=1)
-    within = places[inside] - low
+    within = places[inside] - (low + high) / 2
     area = max(float(np.sort(high - low)[1:].prod()), 1e-30)
     for _ in range(CUBE_ROUNDS):
-        side = max(math.sqrt(area * PER_CUBE / max(len(within), 1)), float((high - low).max()) / MOST_CUBES)
-        cubes = tuple(np.floor(axis / side).astype(np.int64) for axis in within.T)
-        counts = np.unique(np.ravel_multi_index(cubes, (MOST_CUBES + 1,) * 3), return_counts=True)[1]
+        side = max(math.sqrt(area * PER_CUBE / max(len(within), 1)), float((high - low).max()) / (CELLS - 2))
+        counts = np.unique(keys_of(np.floor(within / side)), return_counts=True)[1]
         area = side**2 * max(int((counts >= LEAST_PER_CUBE).sum()), 1)
     return math.sqrt(area / max(float(weights[inside].sum()), 1.0))
 

@@ -103,7 +103,7 @@ def converted(tmp_path_factory):
     folder = tmp_path_factory.mktemp("ball")
     write_inria_ply(folder / "ball.ply", solid_ball())
     with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(EFFORTS, "draft", Effort(views=12, pixels=96, cells=80, depth=6, points=20_000))
+        patch.setitem(EFFORTS, "draft", Effort(views=12, pixels=96, cells=80))
         for texture in ("auto", "none"):
             options = ConvertOptions(detail="draft", vertices=500, background="keep", texture=texture)
             convert(folder / "ball.ply", options).save(folder / texture)
@@ -117,7 +117,7 @@ def test_a_scene_folder_holds_it_where_asked_and_is_the_same_otherwise(converted
         assert chunk.read_bytes() == (converted / "auto" / "chunks" / chunk.name).read_bytes()
     with_one, without = (Scene.load(converted / name) for name in ("auto", "none"))
     assert with_one.settings.pop("texture") == "auto" and with_one.settings == without.settings
-    assert with_one.statistics["texture_size"] == 256 and "texture_size" not in without.statistics
+    assert with_one.statistics["texture_size"] == 128 and "texture_size" not in without.statistics
 
 
 @pytest.mark.parametrize("texture", ["big", 8, 10_000, -1, 2.5, True])
