@@ -21,6 +21,10 @@ from .stations import stations_of
 from .store import Store
 from .survey import splats_of
 
+DEEPEST = 8
+"""Blocks along z by which a point may miss what a pixel shows and take its colour: 14 along the ray in the corner of a
+view, so the pixel lies in the range of all tiles on whose border the point stands."""
+
 UP = np.array([0.0, 1.0, 0.0])
 
 
@@ -101,9 +105,7 @@ def shots_around(store: Store, plan: CityPlan, tile: int) -> Iterator[Sighting]:
             normal = kept["normal"][row].astype(np.float32)
             normal /= np.maximum(np.sqrt((normal * normal).sum(axis=-1, keepdims=True)), 1e-6)
             color = kept["color"][row].astype(np.float32) / np.float32(255)
-            spread = np.minimum(
-                kept["spread"][row], np.float32(carve_of(plan))
-            )  # so the pixel is in the range of the tiles whose point it colours
+            spread = np.minimum(kept["spread"][row], np.float32(DEEPEST * plan.block))
             seen = FieldDepth(depth, normal, spread, color, np.isfinite(depth).astype(np.float32))
             yield Sighting(view, seen, kept["thickness"][row])
 
