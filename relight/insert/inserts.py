@@ -13,8 +13,8 @@ from splat2mesh.base.errors import DataWarning
 from splat2mesh.scene.color import luminance
 from splat2mesh.splats.joining import joined
 
-from ..albedo.division import SOFTNESS
 from ..engine.appearance import CAPTURE
+from ..engine.relit_room import SOFTNESS
 from ..planning.costs import FOLLOWED
 from ..transfer.occluder import Frame
 from .asked import AskedInsert
