@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..base.arrays import Directions, Floats, Indices, Integers, Points
 from ..base.kernels import kernel
 
-STEEPEST = 0.5
+STEEPEST = 0.55
 """Cosine between a face and the plane of its chart, at least: there a texel is stretched to twice its width."""
 
 WIDEST = 400.0
@@ -28,6 +28,9 @@ SMOOTHED = 2
 
 TURNS = 8
 """Orientations within a quarter turn that are tried for a chart, to fill its rectangle best."""
+
+FITS = 24
+"""Steps of the search for the largest scale at which all charts fit."""
 
 
 class Charts(NamedTuple):
@@ -54,7 +57,7 @@ class Charts(NamedTuple):
         if _pack(self.extent, self.order, size, corner):
             low = 1.0
         else:
-            while high - low > 0.5 / size:  # half a texel of all of the square
+            for _ in range(FITS):
                 middle = (low + high) / 2
                 if _pack(self.extent * middle, self.order, size, corner):
                     low = middle

@@ -5,15 +5,15 @@ import scipy
 from numpy.typing import NDArray
 
 from ..base.arrays import Integers, Points
-from ..render.opacitygrid import FINEST_SHARE, SCALES_PER_PIXEL
+from ..render.opacitygrid import SCALES_PER_PIXEL
 from ..splats.splats import Splats
 from ..surface.volume import NEIGHBORS
 
 SOLID = 0.5
 """Opacity of the splats that count, as for the pixel of a whole capture."""
 
-SAMPLES = 40_000
-"""Faces at which splats are looked up, about."""
+SAMPLES, PERCENTILE = 40_000, 10
+"""Faces at which splats are looked up, about, and which of their sizes is the training pixel there."""
 
 SMOOTHED = 4
 """Samples whose mean, that of logarithms, a face takes."""
@@ -27,7 +27,7 @@ def local_pixel(splats: Splats, points: Points, faces: Integers) -> NDArray[np.f
     sizes = splats.scales[solid].max(axis=1) / SCALES_PER_PIXEL
     sampled = centers[:: max(1, len(centers) // SAMPLES)]
     near = _nearest(splats.means[solid], sampled, NEIGHBORS)
-    pixel = np.log(np.maximum(np.percentile(sizes[near], 100.0 * FINEST_SHARE, axis=1), 1e-30))
+    pixel = np.log(np.maximum(np.percentile(sizes[near], PERCENTILE, axis=1), 1e-30))
     return np.exp(pixel[_nearest(sampled, centers, SMOOTHED)].mean(axis=1))
 
 

@@ -16,12 +16,18 @@ from ..base.threads import shared
 from ..render.rasterize import rasterize
 from ..render.view import stacked
 from ..scene.color import bytes_from_unit
-from ..surface.album import ROUNDING, groups_of, may_see
+from ..surface.album import groups_of, may_see
 from ..surface.extract import Look
 from ..surface.sight import LEAST_COSINE
 
 LEAST_ALPHA = 0.5
 """Opacity below which a pixel shows no surface."""
+
+CERTAIN = 0.99
+"""Part of LEAST_COSINE below which another order of rounding cannot lift a cosine over it."""
+
+DEEPEST = 1.05
+"""Factor on the depth of a picture's deepest pixel, behind which it shows nothing."""
 
 
 class Pictures(NamedTuple):
@@ -29,7 +35,7 @@ class Pictures(NamedTuple):
 
     poses: (M, 3, 4) float64 camera_from_world. lenses: (M, 4) float64 fx, fy, cx, cy. sizes: (M, 2) int64 height and
     width. starts: (M,) int64 first pixel of each. colors: (P, 3) uint8 sRGB. depth: (P,) float32 camera z, NaN where
-    no surface is. deepest: (M,) float64 of each, the largest.
+    no surface is. deepest: (M,) float64, z behind which each shows nothing.
     """
 
     poses: NDArray[np.float64]
@@ -56,7 +62,7 @@ class Pictures(NamedTuple):
                 color = seen.color / np.maximum(seen.alpha, LEAST_ALPHA)[..., None]
                 colors[part] = bytes_from_unit(color).reshape(-1, 3)
                 depth[part] = np.where(solid, seen.depth_median, np.nan).ravel()
-                deepest[number] = np.nan_to_num(depth[part]).max()
+                deepest[number] = DEEPEST * np.nan_to_num(depth[part]).max()
                 number += 1
         return cls(*stack, colors, depth, deepest)
 
@@ -71,10 +77,8 @@ class Pictures(NamedTuple):
         result, weights = np.zeros((len(points), 3), np.float32), np.zeros(len(points), np.float32)
         order, groups = groups_of(places)
         typical = float(np.median(self.deepest))
-        relative, absolute = tolerance
-        behind = (self.deepest + absolute) / (1.0 - relative) * (1.0 + ROUNDING)
-        asked = _Asked(places, normals.astype(np.float64), order, groups, typical, nearness, relative, absolute)
-        _show(len(groups) - 1, asked, self._replace(deepest=behind), result, weights)
+        asked = _Asked(places, normals.astype(np.float64), order, groups, typical, nearness, *tolerance)
+        _show(len(groups) - 1, asked, self, result, weights)
         seen = weights > 0.0
         result[seen] /= weights[seen, None]
         return result, seen
@@ -129,7 +133,7 @@ def _turned_away(i: int, m: int, asked: _Asked, eyes: Points) -> bool:
         along = asked.points[i, k] - eyes[m, k]
         facing -= asked.normals[i, k] * along
         square += along * along
-    return facing <= 0.0 or facing * facing < (LEAST_COSINE - ROUNDING) ** 2 * square
+    return facing <= 0.0 or facing * facing < (CERTAIN * LEAST_COSINE) ** 2 * square
 
 
 @kernel

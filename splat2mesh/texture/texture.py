@@ -1,6 +1,5 @@
 """The texture of a scene: an atlas that is as fine as the splats at each place, coloured from views."""
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -8,12 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.arrays import ColorsSrgb
-from ..base.choices import SMALLEST_TEXTURE
 from ..base.progress import Stages
 from ..base.threads import ROWS_AT_ONCE
 from ..scene.color import bytes_from_unit, linear_from_srgb, srgb_from_linear
 from ..scene.scene import Scene
-from ..surface.album import TOLERANCE
 from ..surface.color import DEPTH_TOLERANCE
 from ..surface.extract import Look, training_pixel
 from .atlas import Atlas, atlas_of, check_size, face_areas, surface_area, welded
@@ -21,14 +18,14 @@ from .charts import GUTTER, charts_of
 from .density import local_pixel
 from .projection import Pictures
 
-LARGEST_SIZE = 4096
-"""Side of a texture, a power of two, that `auto` chooses at most: what every engine takes without asking."""
+SMALLEST_SIZE, LARGEST_SIZE = 256, 4096
+"""Sides of a texture that `auto` chooses among, powers of two: 4096 is what every engine takes without asking."""
 
 LEAST_SCALE = 0.8
 """Texels over those wanted, along a length, with which a smaller texture does."""
 
-MOST_PIXELS = 40_000_000
-"""Pixels that all pictures may have: 7 bytes each."""
+PIXELS, MOST_PIXELS = (256, 768), 50_000_000
+"""Range of the side of a picture, and how many pixels all pictures may have: 7 bytes each."""
 
 FINER = 2.0
 """Pixels of a picture along a texel at the typical distance: most of a place is nearer to some view."""
@@ -37,6 +34,10 @@ NEARNESS_PLACE, NEARNESS_OBJECT = 1.0, 0.0
 """How the distance of a view counts: in a place far views are coarse, around an object all are alike. PSNR of a
 trained garden and a parlour, at 0, 1, 2, 4, 8: 26.6, 27.8, 27.7, 27.1, 26.6 and 33.3, 32.8, 32.2, 31.1, -. The nearest
 view alone is sharper, and further from what other eyes see."""
+
+TOLERANCE_PLACE = 0.03
+"""Where a pixel shows something further before or behind a texel, it shows another surface, in units of the distance.
+Objects, whose strings and handles stand close to them, have DEPTH_TOLERANCE, in units of the radius."""
 
 COARSE = 3.0
 """Training pixels that the depth of an object may be off at least: that of a pixel is that of the middle of a splat."""
@@ -87,7 +88,7 @@ def texture_of(
         if size is not None:  # the charts fill the square
             pixel *= min(1.0, np.sqrt((face_areas(points, mesh.corners) / pixel**2).sum()) / check_size(size))
         charts = charts_of(mesh.nodes[:, :3], mesh.corners, unit / pixel)
-        side, packed = SMALLEST_TEXTURE, None
+        side, packed = SMALLEST_SIZE, None
         while size is None and side < LARGEST_SIZE and packed is None:
             packed = charts.packed(side, LEAST_SCALE)
             side *= 1 if packed else 2
@@ -101,7 +102,7 @@ def texture_of(
         views = [view for look in looks for view in look.views]
         focal = float(np.median([view.fx / max(view.width, view.height) for view in views]))
         wanted = FINER * _typical_depth(scene, views, back) / (focal * atlas.texel_size * unit)
-        pixels = math.ceil(min(wanted, np.sqrt(MOST_PIXELS / len(views))))
+        pixels = int(np.clip(min(wanted, np.sqrt(MOST_PIXELS / len(views))), *PIXELS))
         pictures = Pictures.of(looks, pixels)
     with stages.stage("texels"):
         colors, unseen = _colors(scene, atlas, pictures, back, COARSE * training_pixel(looks[0].splats))
@@ -124,7 +125,7 @@ def _colors(
 ) -> tuple[NDArray[np.uint8], int]:
     nearness = NEARNESS_PLACE if scene.is_place else NEARNESS_OBJECT
     radius = 0.5 * scene.diagonal * float(np.cbrt(abs(np.linalg.det(back[:3, :3]))))
-    tolerance = (TOLERANCE, 0.0) if scene.is_place else (0.0, max(DEPTH_TOLERANCE * radius, coarse))
+    tolerance = (TOLERANCE_PLACE, 0.0) if scene.is_place else (0.0, max(DEPTH_TOLERANCE * radius, coarse))
     points, vertex = scene.vertices @ back[:3, :3].T + back[:3, 3], scene.colors_srgb
     normals = scene.normals @ np.asarray(scene.scene_from_splat, np.float64)[:3, :3]  # by the inverse transpose
     colors, unseen = np.empty((len(atlas.texels), 3), np.uint8), 0

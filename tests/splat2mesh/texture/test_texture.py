@@ -117,7 +117,7 @@ def test_a_scene_folder_holds_it_where_asked_and_is_the_same_otherwise(converted
         assert chunk.read_bytes() == (converted / "auto" / "chunks" / chunk.name).read_bytes()
     with_one, without = (Scene.load(converted / name) for name in ("auto", "none"))
     assert with_one.settings.pop("texture") == "auto" and with_one.settings == without.settings
-    assert with_one.statistics["texture_size"] == 128 and "texture_size" not in without.statistics
+    assert with_one.statistics["texture_size"] == 256 and "texture_size" not in without.statistics
 
 
 @pytest.mark.parametrize("texture", ["big", 8, 10_000, -1, 2.5, True])
