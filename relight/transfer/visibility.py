@@ -31,7 +31,7 @@ class Visibility:
     outcome neighbours agree stay untraced. shot: how many rays were traced here.
     """
 
-    name: tuple[str, int, str] | None = None
+    name: tuple[int, str] | None = None
     sparing: bool = False
     shot: int = 0
 
@@ -142,7 +142,7 @@ class Visibility:
 
     def _offsets(self, each: tuple[float, float], nodes: Indices) -> NDArray[np.float32]:
         """The offsets of the rays of one set from some nodes, (N, 2) float32."""
-        return sampling.moved(sampling.offsets_of_ranks(nodes, self.seed), each)
+        return sampling.moved(sampling.ranked_offsets(nodes, self.seed), each)
 
     def _shot(
         self, each: tuple[float, float], part: slice, buffer: NDArray[np.float32] | None = None

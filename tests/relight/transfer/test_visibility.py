@@ -41,7 +41,7 @@ def test_bits_are_what_the_rays_meet(occluder, rays):
     seen = Visibility(occluder, rays, seed=5)
     vertices = seen.neighbors.vertices
     shot = np.zeros((len(vertices), rays, 6), np.float32)
-    offsets = sampling.ranked_offsets(0, len(vertices), 5)
+    offsets = sampling.ranked_offsets(np.arange(len(vertices)), 5)
     azimuths = sampling.fibonacci_azimuths(rays)
     sampling.shoot_at(occluder.origins[vertices], occluder.normals[vertices], azimuths, offsets, shot)
     hidden = np.unpackbits(seen.bits[0], axis=1, count=rays).astype(bool)
