@@ -22,8 +22,7 @@ from ..rooms.hidden import kept_volumes
 from ..transfer import DEFAULT_BANDS, DEFAULT_RAYS
 from ..transfer.bounces import with_bounces
 from ..transfer.checks import checked_albedo
-from ..transfer.posed import PosedPrecomputed
-from ..transfer.precomputed import Precomputed
+from ..transfer.precomputed import PosedPrecomputed, Precomputed
 from ..transfer.settings import BOUNCE_RAYS, VOLUME_DIRECTIONS, Settings
 from ..transfer.transport import Transport
 from .blinnphong import blinn_phong

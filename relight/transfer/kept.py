@@ -35,13 +35,8 @@ def stands_for(key: Key, other: Key) -> bool:
     return method == other[0] and bands >= other[1] and rays >= other[2] and scene == [*other[3:]]
 
 
-def arrays_of(transfer: Transfer, receivers: Receivers) -> dict[str, NDArray[Any]]:
-    """Dict of the arrays to keep of a transfer: its traced rows, from which the others follow."""
-    return {"transfer": transfer if receivers.all else transfer[receivers.rows]}
-
-
 def restored(kept: Mapping[str, NDArray[Any]], bands: int, receivers: Receivers) -> Transfer:
-    """The transfer of `arrays_of`. Raises ValueError for another shape or type, and unless it is finite."""
+    """The transfer whose traced rows were kept. Raises ValueError for another shape or type, and if not finite."""
     found, shape = kept["transfer"], (len(receivers.rows), bands**2)
     if found.shape != shape or found.dtype != np.float32 or not np.isfinite(found).all():
         raise ValueError(f"expected finite numbers of shape {shape}, found {found.dtype} of {found.shape}")

@@ -10,10 +10,11 @@ from splat2mesh.base.arrays import Transfer
 from splat2mesh.scene.scene import Scene
 
 from .analytic import analytic
-from .kept import SURFACES, Key, arrays_of, key_of, restored, serves, stands_for
+from .kept import SURFACES, Key, key_of, restored, serves, stands_for
 from .kept_bounces import KeptBounces
 from .neighbors import Neighbors
 from .neuralgash import neural_gash
+from .occluder import Occluder
 from .receivers import Receivers
 from .settings import Settings
 from .store import Cache
@@ -139,7 +140,8 @@ class Precomputed(KeptBounces):
         key = self._key(settings, rays)
         if self.cache.keeps:
             with self._stages.stage("keep"):
-                self.cache.put("transfer", *key, **arrays_of(transfer, self._rows_of(rays)))
+                kept = self._rows_of(rays)  # from which the others follow
+                self.cache.put("transfer", *key, transfer=transfer if kept.all else transfer[kept.rows])
                 for other in self._keys():
                     if other != key and stands_for(key, other):
                         self.cache.drop("transfer", *other)
@@ -214,3 +216,18 @@ class Precomputed(KeptBounces):
     def _key(self, settings: Settings, rays: int) -> Key:
         """The key of a transfer, as in its file."""
         return settings.method.replace("-", "_"), settings.bands, rays, self.seed, self._leaves(settings)
+
+
+class PosedPrecomputed(Precomputed):
+    """A Precomputed of the same vertices in another pose. Leaves and grass keep the light of the first one.
+
+    Each vertex keeps its frame, its rank and so its rays, which are all traced: of a vertex that rests, those that the
+    motion does not reach meet what they met, to the bit.
+    """
+
+    sparing = False
+
+    def __init__(self, first: Precomputed, scene: Scene) -> None:
+        super().__init__(scene, first.seed, stages=first._stages)
+        self.foliage, self._receivers = first.foliage, first.receivers
+        self._occluder = Occluder(scene.vertices, scene.normals, scene.faces, first.occluder)

@@ -12,10 +12,10 @@ from relight.transfer.dynamic_suns import DynamicSunlight
 from relight.transfer.filtering import average, steps_for
 from relight.transfer.neighbors import Neighbors
 from relight.transfer.occluder import Occluder
-from relight.transfer.raytraced import raytraced_scene
 from relight.transfer.reach import Box, NodeRays, blocked
 from relight.transfer.rings import Rings
 from relight.transfer.sunlight import sunlight
+from relight.transfer.visibility import raytraced_scene
 from splat2mesh.base.errors import InputError
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene

@@ -9,7 +9,7 @@ from relight.transfer import filtering, lobes
 from relight.transfer.analytic import analytic
 from relight.transfer.neighbors import Neighbors
 from relight.transfer.occluder import Occluder
-from relight.transfer.raytraced import raytraced_scene
+from relight.transfer.visibility import raytraced_scene
 from scenes.plain_rays import raytraced
 from splat2mesh.base.errors import InputError
 

@@ -10,7 +10,7 @@ from relight.sh.normals import unit_normals
 from relight.transfer import lobes, sampling
 from relight.transfer.analytic import analytic
 from relight.transfer.occluder import Occluder
-from relight.transfer.raytraced import raytraced_scene
+from relight.transfer.visibility import raytraced_scene
 from scenes.plain_rays import raytraced
 from splat2mesh.base.errors import DataWarning, InputError
 

@@ -9,9 +9,8 @@ from relight.transfer import MAX_RAYS, sampling
 from relight.transfer.analytic import analytic
 from relight.transfer.filtering import average, steps_for
 from relight.transfer.occluder import Occluder
-from relight.transfer.raytraced import raytraced_scene
 from relight.transfer.sampling import MAX_DOUBLINGS, MIN_GROWING
-from relight.transfer.visibility import Visibility, completed
+from relight.transfer.visibility import Visibility, completed, raytraced_scene
 from scenes.plain_rays import offsets_by_rank, raytraced, trace
 from splat2mesh.base.errors import InputError
 from splat2mesh.scene.scene import Scene
