@@ -114,7 +114,7 @@ def test_the_moved_scene_traced_by_other_code_gives_the_same(scene):
     neighbors = Neighbors(occluder.origins, occluder.normals, occluder.faces)
     rows = neighbors.vertices
     origins, normals = occluder.origins[rows], occluder.normals[rows]
-    offsets = sampling.ranked_offsets(0, len(moved.vertices), 0)[live.ranks[rows]]
+    offsets = sampling.ranked_offsets(np.arange(len(moved.vertices)), 0)[live.ranks[rows]]
     rays = np.zeros((len(rows), RAYS, 6), np.float32)
     sampling.shoot_at(origins, normals, sampling.fibonacci_azimuths(RAYS), offsets, rays)
     model, rest = np.zeros((len(rows), 4), np.float32), np.zeros((len(moved.vertices), BANDS**2), np.float32)
