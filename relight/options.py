@@ -196,7 +196,7 @@ class LightingOptions:
         rays = self.rays or DEFAULT_RAYS
         bouncing = (BOUNCE_RAYS, BOUNCE_TOLERANCE) if BOUNCES in effects else (0, 0.0)
         sun_tolerance = SUN_TOLERANCE if SUN in effects else 0.0
-        return Settings(method, bands, rays, None, sun_tolerance, *bouncing, VOLUME_DIRECTIONS * (VOLUME in effects))
+        return Settings(method, bands, rays, sun_tolerance, *bouncing, VOLUME_DIRECTIONS * (VOLUME in effects))
 
 
 def _able(method: str) -> frozenset[str]:

@@ -34,7 +34,7 @@ def raytraced(occluder, vertices, bands, rays, seed=0):
 
 def offsets_by_rank(part, seed):
     """Ray offsets of a slice of nodes, by their ranks along the curve."""
-    return sampling.ranked_offsets(part.start, part.stop, seed)
+    return sampling.ranked_offsets(np.arange(part.start, part.stop), seed)
 
 
 def trace(occluder, origins, normals, bands, rays, offsets):

@@ -3,7 +3,7 @@
 import numpy as np
 
 from relight.transfer.occluder import Occluder
-from relight.transfer.raytraced import raytraced_scene
+from relight.transfer.visibility import raytraced_scene
 
 COLORS = 3
 

@@ -140,7 +140,7 @@ class CapturedScene:
 
     def _traced(self) -> Transport:
         from ..transfer.bounces import Interreflection, visible_fraction
-        from ..transfer.raytraced import raytraced_scene
+        from ..transfer.visibility import raytraced_scene
 
         transfer = raytraced_scene(self.occluder, BANDS, RAYS, self.seed, self._advance)
         visible = visible_fraction(transfer)

@@ -18,8 +18,7 @@ from ..albedo.division import DARKEST, LIGHTEST
 from ..lamps.emitters import Emitters, emitters_of
 from ..lamps.shapes import Lamp
 from ..lamps.tracing import DRAFT_RAYS, LitVertices, Ordered, lamplight, ordered
-from ..planning.bounce_plan import plan_first_bounce
-from ..planning.lamp_plan import RayPlan, plan_lamps
+from ..planning.lamp_plan import RayPlan, plan_first_bounce, plan_lamps
 from ..rooms.evenness import Evenness
 from ..rooms.room import AVERAGING_ROUNDS
 from ..transfer.bounces import with_bounces

@@ -22,8 +22,7 @@ from ..rooms.hidden import kept_volumes
 from ..transfer import DEFAULT_BANDS, DEFAULT_RAYS
 from ..transfer.bounces import with_bounces
 from ..transfer.checks import checked_albedo
-from ..transfer.posed import PosedPrecomputed
-from ..transfer.precomputed import Precomputed
+from ..transfer.precomputed import PosedPrecomputed, Precomputed
 from ..transfer.settings import BOUNCE_RAYS, VOLUME_DIRECTIONS, Settings
 from ..transfer.transport import Transport
 from .blinnphong import blinn_phong
@@ -275,7 +274,7 @@ class Relighter:
         other = copy(self)
         other.scene, other.precomputed = scene, PosedPrecomputed(self.precomputed, scene)
         other._direct_light = other._lit(StaticGeometry(other.precomputed, self.stages))
-        other._everything, other._planner, other._latest = settings._replace(shadowed=None), None, None
+        other._everything, other._planner, other._latest = settings, None, None
         return other
 
     def update(self, chunk: int, vertices: NDArray[np.floating], normals: NDArray[np.floating]) -> NDArray[np.int64]:
@@ -289,7 +288,7 @@ class Relighter:
         Only the region that the motion can reach is traced again. Bounces keep the matrix from before the motion until
         `catch_up` is called; a plan's bands and rays stay, with shadows everywhere. Under the methods "analytic" and
         "neural-gash" every moved vertex is computed anew, without rays. The Scene itself is not changed.
-        Raises InputError for arrays that do not fit and for the methods "neural" and "blinn-phong".
+        Raises InputError for arrays that do not fit and for the method "blinn-phong".
         """
         check_changes(self.scene, changes)
         if self._dynamic is None or not self._dynamic.moving >= changes.keys():
@@ -312,7 +311,7 @@ class Relighter:
             if self.options.method != "auto":
                 raise InputError(f"the method {settings.method} cannot follow motion; leave it at auto")
             settings = self._everything._replace(method="raytraced", bands=DEFAULT_BANDS, rays=DEFAULT_RAYS)
-        settings = settings._replace(shadowed=None, volume=0)
+        settings = settings._replace(volume=0)
         return DynamicGeometry(self.scene, moving, settings, self.seed, before)
 
     def catch_up(self) -> None:

@@ -30,28 +30,20 @@ class StaticGeometry:
         return self._precomputed.transfer(settings)
 
     def sunlight(self, suns: "Suns", settings: "Settings", rows: Indices | None = None) -> NDArray[np.float32] | None:
-        """(V, 3) float32 of the suns. Where no shadows are wanted they are harmonics: a cosine needs no more. Given
-        `rows`, (N,) vertices, others may be left out."""
+        """(V, 3) float32 of the suns. Given `rows`, (N,) vertices, others may be left out."""
         if not len(suns):
             return None
-        light = self._on_surfaces(suns, settings, rows)
+        light = self._on_surfaces(suns, rows)
         if settings.volume and self._precomputed.foliage is not None:
             with self._stages.stage("sunlight"):
                 light = self._precomputed.foliage.with_suns(light, suns)
         return light
 
-    def _on_surfaces(self, suns: "Suns", settings: "Settings", rows: Indices | None) -> NDArray[np.float32]:
+    def _on_surfaces(self, suns: "Suns", rows: Indices | None) -> NDArray[np.float32]:
         occluder, count = self._precomputed.occluder, int(self._precomputed.sizes.sum())
         receivers = self._precomputed.receivers
         light = np.zeros((count, 3), np.float32)
-        if settings.shadowed is None:
-            traced = receivers.rows if rows is None or not receivers.all else rows
-            with self._stages.stage("sunlight", len(traced)) as advance:
-                light[traced] = sunlight(occluder, traced, suns, advance)
-            return light if receivers.all else receivers.filled(light)
-        transfer, bands = self.transfer(settings)[0], settings.bands
-        shadowed = np.repeat(settings.shadowed, self._precomputed.sizes)
-        light[~shadowed] = transfer[~shadowed, : bands**2] @ suns.sh(bands).astype(np.float32)
-        with self._stages.stage("sunlight", int(shadowed.sum())) as advance:
-            light[shadowed] = sunlight(occluder, np.flatnonzero(shadowed), suns, advance)
-        return light
+        traced = receivers.rows if rows is None or not receivers.all else rows
+        with self._stages.stage("sunlight", len(traced)) as advance:
+            light[traced] = sunlight(occluder, traced, suns, advance)
+        return light if receivers.all else receivers.filled(light)

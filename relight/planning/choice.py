@@ -10,13 +10,11 @@ from collections.abc import Callable, Iterator
 from itertools import product
 from typing import NamedTuple
 
-import numpy as np
-
 from splat2mesh.base.arrays import Floats, Radiance
 
 from ..light import sun_split
 from ..light.environment import Environment
-from ..options import DEFAULT_TOLERANCE, LightingOptions
+from ..options import LightingOptions
 from ..sh.harmonics import MAX_BANDS
 from ..transfer import FEW_BANDS
 from ..transfer.settings import BOUNCE_TOLERANCE, BOUNCES, SHADOWS, SUN, VOLUME, Settings
@@ -28,16 +26,10 @@ SAFETY = 0.75
 """A plan is laid for this part of the tolerance: what a sample measures is off by a tenth or more, and what is done
 is checked against the tolerance itself."""
 
-SKIPPED = 0.35
-"""Part of the tolerance that skipped shadows, and leaves as surfaces, may use up: squares add."""
-
 BANDS = tuple(range(FEW_BANDS, MAX_BANDS + 1))
 """To choose from; images of a transfer hold three at least."""
 
-SKIPS = tuple(BOUNCE_TOLERANCE * 2.0**power for power in range(10))
-"""Tolerances, those up to the one that is asked for, of each of which SKIPPED may go without shadows."""
-
-SUN_TOLERANCES = SKIPS[::2]
+SUN_TOLERANCES = tuple(BOUNCE_TOLERANCE * 2.0**power for power in range(0, 10, 2))
 """What suns are split to, whatever the tolerance. What a split leaves is estimated for walls that stand anywhere. Where
 edges of sunlight or bright sky beside the sun take much of the tolerance, the finest is cheaper than the rays that
 would make up for them."""
@@ -107,7 +99,6 @@ class Choice:
         measured: EffectErrors,
         environment: Environment,
         options: LightingOptions,
-        tolerance: float,
         angles: int,
         leaves: Leaves | None,
         there: Callable[[Settings], tuple[bool, bool]],
@@ -118,13 +109,11 @@ class Choice:
         self.measured, self._angles = measured, angles
         self._method, self._effects = options.fixed_method, options.fixed_effects
         self._bands, self._rays, self._until = options.bands, options.rays, until
-        self._tolerance = tolerance if until is None else DEFAULT_TOLERANCE
         self._splits = {0.0: SunSplit(None, 0, 0.0)}
         if self._effects is None or SUN in self._effects:
             self._find_suns(environment, options.budget_s)
         sample = measured.sample
-        self._vertices, self._solid = int(sample.sizes.sum()), sample.weights[sample.solid > 0.0].sum()
-        self._shadowed = self._shadows()
+        self._vertices, self._solid = len(sample.occluder.origins), sample.weights[sample.solid > 0.0].sum()
         self.candidates = list(self._all())
 
     def sun_count(self, settings: Settings) -> int:
@@ -134,10 +123,9 @@ class Choice:
     def checked(self, settings: Settings, transfer: Floats, tolerance: float) -> float:
         """The error of the settings with the noise that a transfer (S, K) of the sample's rows really has; beyond the
         tolerance, by a closer look."""
-        traced = None if settings.shadowed is None else np.array(settings.shadowed)[self.measured.sample.chunk]
 
         def error() -> float:
-            return math.hypot(self.but_noise(settings), self.measured.check(transfer, traced, self._rest(settings)))
+            return math.hypot(self.but_noise(settings), self.measured.check(transfer, self._rest(settings)))
 
         found = error()
         return error() if found > tolerance and self.measured.look_closer() else found
@@ -145,13 +133,7 @@ class Choice:
     def contributions(self, settings: Settings) -> list[tuple[str, float | None, str]]:
         """[(effect, error without it, decision)] for the table and the report."""
         measured, rows = self.measured, list[tuple[str, float | None, str]]()
-        every = float(np.linalg.norm(measured.shadows))
-        if settings.shadowed is not None:
-            traced = f"traced in {sum(settings.shadowed)} of {len(settings.shadowed)} chunks"
-            decision = f"{traced}; the others lose {self._unshadowed(settings):.2%}"
-        else:
-            decision = "traced" if settings.rays else "skipped"
-        rows.append((SHADOWS, every, decision))
+        rows.append((SHADOWS, measured.shadows, "traced" if settings.rays else "skipped"))
         if settings.rays:
             plain = measured.truncation(settings.bands)
             count = self.sun_count(settings)
@@ -175,21 +157,6 @@ class Choice:
             rows.append((BOUNCES, float(measured.bounces[0]), decision))
         return rows
 
-    def _shadows(self) -> list[tuple[bool, ...]]:
-        """Which chunks may trace rays, each (C,), fewer and fewer; all if none must and the method is to."""
-        every = (True,) * len(self.measured.shadows)
-        found = [every]
-        if self._effects is None and self._method in (None, "raytraced"):
-            for skip in (each for each in SKIPS if each <= self._tolerance):
-                shadowed = tuple(map(bool, ~self.measured.unshadowed(SKIPPED * skip)))
-                found += [shadowed] if shadowed != found[-1] and (any(shadowed) or self._method is None) else []
-        return found
-
-    def _unshadowed(self, settings: Settings) -> float:
-        """Error of the shadows on chunks that trace none."""
-        shadowed = settings.shadowed
-        return 0.0 if shadowed is None else float(np.linalg.norm(self.measured.shadows[~np.array(shadowed)]))
-
     def _all(self) -> Iterator[Candidate]:
         yield from map(self._rated, self._analytic())
         yield from map(self._rated, self._raytraced())
@@ -199,13 +166,11 @@ class Choice:
         if self._method == "analytic" or (self._effects is not None and SHADOWS not in self._effects):
             return
         leafy = 0 if self._leaves is None else self._leaves.directions
-        wheres = [None if all(each) else each for each in self._shadowed if any(each) or leafy]
         all_bands = BANDS if self._bands is None else (self._bands,)
         all_rays = RAYS if self._rays is None else (self._rays,)
-        each = product(wheres, all_bands, self._sun_choices(), self._bounce_choices(), all_rays)
-        for shadowed, bands, suns, bounce_rays, rays in each:
+        for bands, suns, bounce_rays, rays in product(all_bands, self._sun_choices(), self._bounce_choices(), all_rays):
             stop = BOUNCE_TOLERANCE if bounce_rays else 0.0
-            yield Settings("raytraced", bands, rays, shadowed, suns, bounce_rays, stop, leafy)
+            yield Settings("raytraced", bands, rays, suns, bounce_rays, stop, leafy)
 
     def _analytic(self) -> Iterator[Settings]:
         """Settings without rays, where none are requested."""
@@ -213,7 +178,7 @@ class Choice:
         if self._method in (None, "analytic") and not self._effects and not leafy:
             for bands in BANDS if self._bands is None else (self._bands,):
                 yield Settings("analytic", bands)
-                if self._method is None and self._effects is None and not any(self._shadowed[-1]):
+                if self._method is None and self._effects is None:
                     # A convex scene has a sun but no shadows.
                     yield from (Settings("analytic", bands, sun_tolerance=each) for each in self._sun_choices() if each)
 
@@ -233,18 +198,16 @@ class Choice:
         error, sample, there = self.but_noise(settings), self.measured.sample, self._is_there(settings)
         if settings.rays:
             error = math.hypot(error, self._noise(settings))
-        sizes = sample.sizes if settings.shadowed is None else sample.sizes[np.array(settings.shadowed)]
         once, each = costs.seconds(
             settings,
             self._vertices,
-            int(sizes.sum() * self._solid * sample.traced_share),
+            int(self._vertices * self._solid * sample.traced_share),
             sample.ray_s,
             self.sun_count(settings),
             sample.traced_share,
             there,
             sample.unsure,
         )
-        once -= costs.SPLIT * sample.ray_s if settings.sun_tolerance else 0.0
         once += self._leaves.seconds if self._leaves and settings.volume and not there[0] else 0.0
         return Candidate(once + self._angles * each, error, settings)
 
@@ -260,10 +223,10 @@ class Choice:
         measured = self.measured
         parts = [*self.of_bounces(settings), 0.0 if self._leaves is None else self._leaves.lost]
         if settings.rays:
-            parts += [self._truncation(settings), self._unshadowed(settings)]
+            parts.append(self._truncation(settings))
         else:
             open_truncation = measured.open_truncation(settings.bands, self._rest(settings))
-            parts += [float(np.linalg.norm(measured.shadows)), open_truncation]
+            parts += [measured.shadows, open_truncation]
         return math.hypot(*parts, self._splits[settings.sun_tolerance].width)
 
     def of_bounces(self, settings: Settings) -> tuple[float, float]:

@@ -17,10 +17,8 @@ DIRECTION = 0.1  # of each ray, traced or predicted: its direction, and its sums
 RAY_COEFFICIENT = 0.0016  # per ray and coefficient, in the sums
 VERTEX = 9.0  # neighbours, and what is done once
 COEFFICIENT = 0.24  # averaging and completing, per coefficient
-PRODUCT_COEFFICIENT = 0.004  # for every light
 CALLS = 1.5e5  # in all: threads that wake, and what is done once whatever the settings
 LIGHT_COEFFICIENT = 4.5e3  # in all, per coefficient: the light's harmonics, .05 s in 8 bands
-SPLIT = 1e6  # in all, to find the suns of an image: .08 to .25 s for six lights
 SUN_RAY = RAY / 2.0  # per sun: half of them stand before a vertex
 BOUNCE = 0.02  # per bounce ray and bounce
 FOLLOWED = 4  # bounces that matter: in a garden four darken the shadow of an object by a tenth
@@ -59,7 +57,7 @@ def seconds(
     there: tuple[bool, bool] = (False, False),
     unsure: float = 1.0,
 ) -> tuple[float, float]:
-    """(once, each): seconds for the scene, and for every light or angle.
+    """(once, each): seconds for the scene, and for every light or angle; suns are found by then.
 
     traced_share: of the vertices, that light is traced for. there: whether transfer and bounces are there already.
     unsure: share of the rays that are traced, where neighbours do not agree on the others.
@@ -70,12 +68,9 @@ def seconds(
         shot = RAY * (unsure if consensus.worth(settings.rays, shadowed_vertices) else 1.0)
         once += rays * (shot + DIRECTION + RAY_COEFFICIENT * coefficients)
         once += (VERTEX + COEFFICIENT * coefficients) * vertices
-    if settings.sun_tolerance:
-        once += SPLIT
     if not there[1]:
         once += RAY * settings.bounce_rays * traced
-    each = PRODUCT_COEFFICIENT * coefficients * vertices + SUN_RAY * suns * traced
-    each += BOUNCE * settings.bounce_rays * FOLLOWED * traced
+    each = SUN_RAY * suns * traced + BOUNCE * settings.bounce_rays * FOLLOWED * traced
     return once * ray_s, each * ray_s
 
 

@@ -1,13 +1,13 @@
 """From a sample of the scene to a plan: the cheapest settings within an error, or the best within a time."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from splat2mesh.base.arrays import Integers, Mask, Radiance
+from splat2mesh.base.arrays import Mask, Radiance
 
 from ..light.environment import Environment
 from ..light.sun_split import DEFAULT_LIMIT
@@ -17,7 +17,7 @@ from ..transfer.settings import BOUNCES, VOLUME, VOLUME_DIRECTIONS, VOLUME_ERROR
 from ..transfer.store import Cache
 from ..transfer.volume import Foliage
 from . import costs
-from .choice import SKIPPED, SUN_TOLERANCES, Choice, Leaves, best_of, curve_of
+from .choice import SUN_TOLERANCES, Choice, Leaves, best_of, curve_of
 from .effect_errors import EffectErrors
 from .plan import Plan
 from .sample import Sample, ray_seconds
@@ -45,12 +45,11 @@ six lights on seven generated shapes (the same script)."""
 class PlannedScene:
     """A scene as its planning sees it.
 
-    occluder: of the whole scene. sizes: (C,) vertices of each chunk. albedo: (V, 3) linear, white without. foliage:
-    where it has one. traced: (V,) bool, the vertices that light is traced for; all without. cache: its Cache, or None.
+    occluder: of the whole scene. albedo: (V, 3) linear, white without. foliage: where it has one. traced: (V,) bool,
+    the vertices that light is traced for; all without. cache: its Cache, or None.
     """
 
     occluder: Occluder
-    sizes: Sequence[int] | Integers
     albedo: Radiance | None = None
     foliage: Foliage | None = None
     traced: Mask | None = None
@@ -59,7 +58,7 @@ class PlannedScene:
 
 def unmeasured(scene: PlannedScene, options: LightingOptions, angles: int = 1) -> Plan | None:
     """The Plan without a sample where that would cost more than it saves, else None. Arguments as of `planned`."""
-    start, vertices, budget_s = time.perf_counter(), int(np.sum(scene.sizes)), options.budget_s
+    start, vertices, budget_s = time.perf_counter(), len(scene.occluder.origins), options.budget_s
     given = options.bands, options.rays, options.fixed_effects, options.fixed_method, scene.foliage, scene.traced
     if any(each is not None for each in given) or vertices > UNMEASURED_VERTICES:
         return None
@@ -94,22 +93,19 @@ def planned(
     options = (options or LightingOptions()).planned()
     budget_s, effects = options.budget_s, options.fixed_effects
     tolerance = DEFAULT_TOLERANCE if options.tolerance is None else options.tolerance
-    wish = tolerance if budget_s is None else DEFAULT_TOLERANCE
-    sample = Sample(scene.occluder, scene.sizes, SAMPLE_VERTICES, SAMPLE_DIRECTIONS, scene.traced, scene.cache)
+    sample = Sample(scene.occluder, SAMPLE_VERTICES, SAMPLE_DIRECTIONS, scene.traced, scene.cache)
     albedo, foliage = scene.albedo, scene.foliage
     if albedo is None and effects is not None and BOUNCES in effects:
-        albedo = np.ones((int(np.sum(scene.sizes)), 3), np.float32)
+        albedo = np.ones(scene.occluder.origins.shape, np.float32)
     bouncing = albedo is not None and (effects is None or BOUNCES in effects)
     light = environment, albedo, bouncing
     if foliage is not None and options.fixed_method not in UNSHADOWED:
-        ways = _ways_with_leaves(sample, foliage, light, wish, effects)
+        measured, leaves = _with_leaves(sample, foliage, light, effects is None or VOLUME in effects)
     else:
-        ways = [(EffectErrors(sample, *light), None)]
+        measured, leaves = EffectErrors(sample, *light), None
     until = None if budget_s is None else start + budget_s  # what planning takes is part of it
-    choices = [Choice(way, environment, options, tolerance, angles, leaves, there, until) for way, leaves in ways]
-    candidates = [each for choice in choices for each in choice.candidates]
-    best = best_of(candidates, tolerance, until)
-    choice = next(each for each in choices if best in each.candidates)
+    choice = Choice(measured, environment, options, angles, leaves, there, until)
+    best = best_of(choice.candidates, tolerance, until)
     return Plan(
         settings=best.settings,
         error=best.error,
@@ -120,39 +116,24 @@ def planned(
         vertices=len(sample.rows),
         rays=sample.rays,
         contributions=choice.contributions(best.settings),
-        curve=curve_of(candidates),
+        curve=curve_of(choice.candidates),
         planning_s=time.perf_counter() - start,
         choice=choice,
         rows=sample.rows,
     )
 
 
-def _ways_with_leaves(
+def _with_leaves(
     sample: Sample,
     foliage: Foliage,
     light: tuple[Environment, Radiance | None, bool],  # of EffectErrors
-    wish: float,
-    effects: frozenset[str] | None,
-) -> list[tuple[EffectErrors, Leaves | None]]:
-    """What is measured of a scene with a Foliage, for each way of `leaves_for` to light it."""
+    volume: bool,  # whether they are to be one
+) -> tuple[EffectErrors, Leaves]:
+    """What is measured of a scene with a Foliage, as volumes or as surfaces."""
     thickened, direction_s = sample.thickened(foliage)
-    measured = EffectErrors(thickened, *light)
+    measured, vertices = EffectErrors(thickened, *light), len(foliage.rows)
     error = measured.changed(sample.seen)
-    ways = leaves_for(error, measured.leafy, wish, effects, direction_s, len(foliage.rows))
-    return [(measured if leaves.directions else EffectErrors(sample, *light), leaves) for leaves in ways]
-
-
-def leaves_for(
-    error: float, leafy: float, wish: float, effects: frozenset[str] | None, direction_s: float, vertices: int
-) -> list[Leaves]:
-    """How leaves and grass may be lit: as volumes, and as surfaces too if that costs little; or as requested.
-
-    error: of their being surfaces, relative to all light. leafy: their light over all. wish: the tolerance. effects:
-    the effects that were requested; None if unspecified. direction_s: seconds for each direction from which light comes
-    to them. vertices: how many of the scene they are.
-    """
-    surfaces = Leaves(0, error, 0.0, vertices, error)
-    volume = Leaves(VOLUME_DIRECTIONS, error, VOLUME_DIRECTIONS * direction_s, vertices, VOLUME_ERROR * leafy)
-    if effects is not None:
-        return [volume if VOLUME in effects else surfaces]
-    return [volume, surfaces] if error <= SKIPPED * wish else [volume]
+    if not volume:
+        return EffectErrors(sample, *light), Leaves(0, error, 0.0, vertices, error)
+    seconds = VOLUME_DIRECTIONS * direction_s
+    return measured, Leaves(VOLUME_DIRECTIONS, error, seconds, vertices, VOLUME_ERROR * measured.leafy)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from splat2mesh.base.arrays import Floats, Mask, Radiance
+from splat2mesh.base.arrays import Floats, Radiance
 
 from ..light.environment import Environment
 from ..light.suns import Suns
@@ -63,32 +63,13 @@ class EffectErrors:
         self.total = np.maximum(self._all_light(), np.maximum(DARK * open_norm, 1e-30))
 
     @cached_property
-    def shadows(self) -> NDArray[np.float64]:
-        """(C,) error of leaving out the shadows on the vertices of each chunk.
+    def shadows(self) -> float:
+        """Error of leaving out the shadows.
 
         By the sample, and by the scan: what that finds hidden counts as much as the sample's hidden light does.
         """
-        missing = self._through(self.sample.open, self._light) - self._full
-        chunks = len(self.sample.sizes)
-        square = np.zeros((chunks, cells.TURNS))
-        for turn in range(cells.TURNS):
-            per_vertex = np.square(missing[:, turn] * self._tint_of(turn)).sum(axis=1) * self.sample.weights
-            square[:, turn] = np.bincount(self.sample.chunk, per_vertex, chunks)
-        found = np.sqrt(square / self.total**2).max(axis=1)
-        share = np.sqrt(self.sample.sizes / self.sample.sizes.sum())
-        return np.maximum(found, self.sample.hidden * share * self._ambience)
-
-    def unshadowed(self, skip: float) -> Mask:
-        """(C,) bool: the chunks that cost most and lose least without shadows, which together lose at most `skip`.
-
-        Chunks without vertices follow the others.
-        """
-        errors, sizes = self.shadows, self.sample.sizes
-        order = np.argsort(np.square(errors) / np.maximum(sizes, 1), kind="stable")
-        skipped = np.zeros(len(errors), bool)
-        skipped[order] = np.sqrt(np.cumsum(np.square(errors[order]))) <= skip
-        skipped[sizes == 0] = skipped[sizes > 0].all()
-        return skipped
+        missing = self._norm(self._through(self.sample.open, self._light) - self._full)
+        return max(float((missing / self.total).max()), self.sample.hidden * self._ambience)
 
     def truncation(self, bands: int, image: Radiance | None = None) -> float:
         """Error of keeping only so many bands: of all the light, or of an `image` of the rest beside suns."""
@@ -125,12 +106,10 @@ class EffectErrors:
         light = self._full * (1.0 - self.sample.solid)[:, None, None]
         return float((self._norm(light) / self.total).max())
 
-    def check(self, transfer: Floats, traced: Mask | None = None, image: Radiance | None = None) -> float:
-        """Error of a transfer (S, K) of the sample's rows, in its own bands, over the rows that are `traced`, (S,)."""
+    def check(self, transfer: Floats, image: Radiance | None = None) -> float:
+        """Error of a transfer (S, K) of the sample's rows, in its own bands."""
         known = self.seen_transfer if self._closer is None else self._closer
         off = transfer.astype(np.float64) - known[:, : transfer.shape[1]]
-        if traced is not None:
-            off[~traced] = 0.0
         radiance = np.tensordot(off, self.coefficients(image)[: transfer.shape[1]], axes=(1, 0))
         return float((self._norm(radiance) / self.total).max())
 
@@ -142,12 +121,12 @@ class EffectErrors:
 
     def wide(self, light: NDArray[np.float32]) -> Sample:
         """More vertices than the sample, where light (V, 3) is: noise of bounced light is on few of them."""
-        every = self.sample.wider(int(self.sample.sizes.sum()))
+        every = self.sample.wider(len(self.sample.occluder.origins))
         return every.lit(self._wide, np.square(light[every.rows], dtype=np.float64).sum(axis=1))
 
     @property
     def _wide(self) -> int:
-        return min(SCAN_VERTICES, max(len(self.sample.rows), int(self.sample.sizes.sum()) // WIDE_PART))
+        return min(SCAN_VERTICES, max(len(self.sample.rows), len(self.sample.occluder.origins) // WIDE_PART))
 
     def look_closer(self) -> bool:
         """Have `check` know the sample by CLOSER times as many directions; False where it does already."""
@@ -210,9 +189,6 @@ class EffectErrors:
     def _norm(self, radiance: Floats) -> NDArray[np.float64]:
         """(TURNS,) norms of exit radiance (S, TURNS, 3) of white vertices, in the scene's colours."""
         return np.sqrt(self.sample.mean_square(radiance * self._tint))
-
-    def _tint_of(self, turn: int) -> Floats | float:
-        return self._tint if isinstance(self._tint, float) else self._tint[:, 0]
 
     def _halves_norm(self, halves: Floats) -> NDArray[np.float64]:
         """(TURNS,) norms of the light that two halves (2, S, TURNS, 3) estimate, without bias from their noise."""

@@ -1,34 +1,39 @@
-"""The number of rays that placed lamps need, measured on a sample of the vertices, and their contribution and cost."""
+"""The number of rays that placed lamps and their first bounce need, measured on a sample of the vertices.
 
+Two independent sets of rays differ by their noise, so no converged reference is traced.
+"""
+
+import math
 import sys
 import time
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from splat2mesh.base.arrays import Indices
+
 from ..lamps.choosing import ALONE, BLOCK
 from ..lamps.emitters import Emitters
 from ..lamps.tracing import CHANCE_PART, LitVertices, lamplight
+from ..transfer.bounces import Interreflection
+from ..transfer.first_bounce import first_bounce
 from ..transfer.neighbors import along_curve
 from ..transfer.occluder import Occluder
+from ..transfer.settings import BOUNCE_RAYS as MATRIX_RAYS
 from .costs import BOUNCE_RAYS
 
 SAMPLE = 1024
 """Vertices of the sample. Of half-shadows, which are on a tenth of them, it has a hundred."""
 
-REFERENCE = SAMPLE
-
 MANY = ALONE + CHANCE_PART * BOUNCE_RAYS[0]
 """Emitters beyond which some choice of rays makes vertices choose among them. The sample then consists of whole blocks
-of vertices, which share a list of the brightest, and its reference takes every emitter at each vertex."""
+of vertices, which share a list of the brightest."""
 
-BLOCKS, JUDGED, MANY_PAIRS = 96, 4, 2**22
-"""Blocks in the sample, vertices in each that have a reference, and how many pairs of vertex and emitter that has at
-most. With 13 blocks and all of their vertices the error of 10,000 lamps was predicted as .028, and was .037."""
-
-MANY_REFERENCE = 64
-"""Rays of that reference in half-shadows."""
+BRIGHT = 90.0
+"""Percentile of all light above which a vertex counts as if it had that much: the pool of a spot is overexposed where
+the rest of the room is seen, and would hide the noise of its first bounce."""
 
 
 class RayPlan(NamedTuple):
@@ -92,45 +97,87 @@ def plan_lamps(
     tolerance: relative error of light that is accepted.
     """
     count = len(occluder.origins)
-    rng = np.random.default_rng(seed)
-    lamps = len(emitters.kind)
-    many = lamps > MANY
-    if many:
-        rows, judged = _blocks(occluder, lamps, rng)
-    else:
-        rows = np.sort(rng.choice(count, min(SAMPLE, count), replace=False))
-        judged = np.arange(len(rows))
-    at, known = (LitVertices(some, None if leaf is None else leaf[some]) for some in (rows, rows[judged]))
-    finest = MANY_REFERENCE if many else REFERENCE
-    true = lamplight(occluder, emitters, finest, at=known, least=least, seed=seed + 1, every=many)
-    beside = beside[rows[judged]]
-    whole = float(np.sqrt(np.square(true + beside).mean(dtype=np.float64)))
-    curve = []
-    for rays in BOUNCE_RAYS:
+    rows = _sample(count, seed)
+    if len(emitters.kind) > MANY:  # whole blocks, as `lamplight` makes them of all
+        blocks = np.array_split(along_curve(occluder.origins), np.arange(BLOCK, count, BLOCK))
+        chosen = np.random.default_rng(seed).permutation(len(blocks))[: SAMPLE // BLOCK]
+        rows = np.concatenate([blocks[each] for each in np.sort(chosen)])
+    at, share = LitVertices(rows, None if leaf is None else leaf[rows]), [0.0]
+
+    def gather(rays: int, seed: int) -> NDArray[np.float32]:
+        return lamplight(occluder, emitters, rays, at=at, least=least, seed=seed)
+
+    def whole(light: NDArray[np.float32]) -> float:
+        share[0] = float(light.sum() / max(float((light + beside[rows]).sum()), sys.float_info.min))
+        return max(math.sqrt(_square(light + beside[rows])), sys.float_info.min)
+
+    curve: list[tuple[float, float, int]] = []
+    _climb(curve, gather, whole, BOUNCE_RAYS, tolerance, seed, count / len(rows))
+    seconds, error, rays = curve[-1]
+    return RayPlan(rays, error, seconds, curve, error <= tolerance, share[0])
+
+
+def plan_first_bounce(
+    occluder: Occluder,
+    sent: NDArray[np.float32],
+    matrix: Interreflection,
+    beside: NDArray[np.float32],
+    tolerance: float,
+    seed: int = 0,
+) -> RayPlan:
+    """Choose the fewest rays that keep to a tolerance; those of the matrix where they do.
+
+    occluder: as `first_bounce` takes it. sent: (V, 3) float32, exit radiance of the surfaces in the direct light of the
+    lamps. matrix: the bounces that are there. beside: (V, 3) float32, all other light that vertices receive, irradiance
+    over pi: an error counts as a part of all light. tolerance: relative error that is accepted. seed: of the sample and
+    of the rays.
+    """
+    count = len(occluder.origins)
+    rows = _sample(count, seed)
+
+    def gather(rays: int, seed: int) -> NDArray[np.float32]:
+        return first_bounce(occluder, sent, rays, rows, seed)
+
+    def whole(light: NDArray[np.float32]) -> float:
+        each = np.sqrt(np.square(light + beside[rows], dtype=np.float64).mean(axis=1))
+        return max(math.sqrt(_square(np.minimum(each, np.percentile(each, BRIGHT)))), sys.float_info.min)
+
+    curve: list[tuple[float, float, int]] = []
+    one, other = (gather(MATRIX_RAYS, seed + k) for k in range(2))
+    mean, noise = (one + other) / np.float32(2.0), _square(one - other) / 2.0
+    # The mean has half of the noise of either, which is no error of the matrix.
+    off = max(_square(matrix.bounce(sent)[rows] - mean) - noise / 2.0, 0.0)
+    curve.append((0.0, math.sqrt(off) / whole(mean), 0))
+    if curve[0][1] > tolerance:
+        _climb(curve, gather, whole, BOUNCE_RAYS[BOUNCE_RAYS.index(MATRIX_RAYS) :], tolerance, seed, count / len(rows))
+    seconds, error, rays = curve[-1]
+    return RayPlan(rays, error, seconds, curve, error <= tolerance)
+
+
+def _climb(
+    curve: list[tuple[float, float, int]],  # as of RayPlan, added to
+    gather: Callable[[int, int], NDArray[np.float32]],  # light of the sample by so many rays of a seed, (N, 3)
+    whole: Callable[[NDArray[np.float32]], float],  # size of all light beside such light
+    choices: tuple[int, ...],
+    tolerance: float,
+    seed: int,
+    scale: float,  # vertices of the scene for each of the sample
+) -> None:
+    """Take more and more rays, until they keep to a tolerance."""
+    for rays in choices:
         start = time.perf_counter()
-        found = lamplight(occluder, emitters, rays, at=at, least=least, seed=seed)
-        seconds = (time.perf_counter() - start) * count / len(rows)
-        squares = np.square(found[judged] - true).mean(axis=1, dtype=np.float64)
-        doubt = float(squares.std()) / len(squares) ** 0.5 if many else 0.0  # few errors are large
-        error = (float(squares.mean()) + doubt) ** 0.5 / max(whole, sys.float_info.min)
+        one = gather(rays, seed)
+        seconds = (time.perf_counter() - start) * scale
+        other = gather(rays, seed + 1)
+        error = math.sqrt(_square(one - other) / 2.0) / whole((one + other) / np.float32(2.0))
         curve.append((seconds, error, rays))
-        if error < tolerance / 4.0:
-            break
-    kept = next((step for step in curve if step[1] <= tolerance), curve[-1])
-    share = float(true.sum() / max(float((true + beside).sum()), sys.float_info.min))
-    return RayPlan(kept[2], kept[1], kept[0], curve, kept[1] <= tolerance, share)
+        if error <= tolerance:
+            return
 
 
-def _blocks(occluder: Occluder, lamps: int, rng: np.random.Generator) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Vertices in whole blocks as `lamplight` makes them of all, and which of these vertices have a reference."""
-    order = along_curve(occluder.origins)
-    blocks = -(-len(order) // BLOCK)
-    chosen = rng.choice(blocks, min(BLOCKS, blocks), replace=False)
-    each = min(max(MANY_PAIRS // (lamps * len(chosen)), 1), JUDGED)
-    rows: list[NDArray[np.int64]] = []
-    judged: list[NDArray[np.int64]] = []
-    for block in np.sort(chosen):
-        start = sum(len(each) for each in rows)
-        rows.append(order[BLOCK * block : BLOCK * (block + 1)])
-        judged.append(start + rng.choice(len(rows[-1]), min(each, len(rows[-1])), replace=False))
-    return np.concatenate(rows).astype(np.int64), np.concatenate(judged).astype(np.int64)
+def _sample(count: int, seed: int) -> Indices:
+    return np.sort(np.random.default_rng(seed).choice(count, min(SAMPLE, count), replace=False))
+
+
+def _square(off: NDArray[np.floating]) -> float:
+    return float(np.square(off).mean(dtype=np.float64))

@@ -10,6 +10,7 @@ from splat2mesh.base.arrays import Directions, Floats, Radiance
 
 from ..sh import harmonics
 from ..transfer import FEW_BANDS
+from ..transfer.facing import met_in_front
 from .costs import FOLLOWED
 from .sample import Sample
 
@@ -39,7 +40,8 @@ class Bounced:
         weight = np.ones((len(start), 3)) / (PATHS / 2)
         for depth in range(FOLLOWED + 1):
             toward = _cosine(normal, random)
-            _, face, uv, face_normal = occluder.first_hits(np.concatenate([position, toward], axis=1, dtype=np.float32))
+            hits = occluder.first_hits(np.concatenate([position, toward], axis=1, dtype=np.float32))
+            _, face, uv, _ = hits
             if depth:
                 free = face < 0
                 light = np.maximum(harmonics.evaluate(toward[free], FEW_BANDS) @ coefficients, 0.0).reshape(
@@ -47,13 +49,10 @@ class Bounced:
                 )
                 at = half[free], np.full(free.sum(), depth - 1), start[free]
                 np.add.at(self.halves, at, light * weight[free][:, None])
-            met = np.flatnonzero(face >= 0)
+            met = np.flatnonzero(met_in_front(occluder, hits, toward))
             corners = occluder.faces[face[met]].astype(np.int64)
             shares = np.stack([1.0 - uv[met].sum(axis=1), *uv[met].T], axis=1)
             outward = np.einsum("ik,ikc->ic", shares, occluder.normals[corners])
-            side = np.einsum("ic,ic->i", face_normal[met], outward)
-            front = np.einsum("ic,ic->i", face_normal[met] * np.sign(side)[:, None], toward[met]) < 0.0
-            met, corners, shares, outward = met[front], corners[front], shares[front], outward[front]
             if not len(met):
                 break
             start, half = start[met], half[met]

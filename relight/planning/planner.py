@@ -30,7 +30,7 @@ UNMENDED = (1.0 + 2.0**NOISE_POWER) ** -0.5
 """Part of the tolerance beyond which what rays cannot mend ends their doubling, once it is more than their noise: where
 both are as large, the next doubling does not lead within the tolerance."""
 
-CHECKED = "rays and bounces, suns for all bands"
+CHECKED = "rays and bounces, suns for all bands, shadows everywhere"
 """What is checked after the work, and for what suns are found. Plans that earlier versions kept are made anew."""
 
 
@@ -123,7 +123,7 @@ class Planner:
 
     def _made(self, environment: "Environment", albedo: NDArray[np.floating] | None, angles: int) -> Plan:
         known = self._precomputed
-        scene = PlannedScene(known.occluder, known.sizes, albedo, known.foliage, known.traced, known.cache)
+        scene = PlannedScene(known.occluder, albedo, known.foliage, known.traced, known.cache)
         with self._stages.stage("plan"):
             return unmeasured(scene, self._options, angles) or planned(
                 scene, environment, self._options, angles, known.there()

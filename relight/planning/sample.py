@@ -3,19 +3,18 @@
 import copy
 import platform
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from splat2mesh.base.arrays import Floats, Indices, Integers, Mask, Points
+from splat2mesh.base.arrays import Floats, Indices, Mask
 from splat2mesh.base.sphere import fibonacci_sphere
 from splat2mesh.base.threads import cores
 
 from ..transfer import consensus, sampling
-from ..transfer.neighbors import ranked_nodes
 from ..transfer.occluder import BATCH_RAYS, Occluder
 from ..transfer.store import Cache, array_key
 from ..transfer.volume import Foliage
@@ -23,8 +22,6 @@ from ..transfer.volume import Foliage
 SCAN_VERTICES, SCAN_RAYS = 4096, 16
 """A coarse look at more vertices, for shadows so small that the sample may miss them. A shadow on a thousandth of the
 vertices, 3% of error if it is deep, escapes 4096 of them once in sixty times."""
-
-LEAST_PER_CHUNK = 16
 
 TIMED_BATCHES, STRETCHES, STRETCH_VERTICES = 5, 4, 256
 """How the time of a ray is measured: batches of vertices that lie side by side, as in the work, where rays find in the
@@ -37,13 +34,13 @@ BLOCKS = 32
 
 
 class Sample:
-    """S vertices, evenly along a curve through each chunk, and D directions, evenly on the sphere.
+    """S vertices, evenly along a curve through the scene, and D directions, evenly on the sphere.
 
-    rows: (S,) indices. chunk: (S,), of each row. weights: (S,) float64, what share of the scene each stands for; sum 1.
+    rows: (S,) indices. weights: (S,) float64, what share of the scene each stands for; sum 1.
     directions: (D, 3). open, seen: (S, D) float32, 4 / D times the cosine, without and with what hides the direction:
     products with the radiance of the directions are exit radiance of white vertices.
     solid: (S,) float32 in [0, 1], how far each row is a surface: 1 unless the sample is `thickened`.
-    hidden: (C,) the share of the light of an even sky that is hidden, by chunk, root mean square, by the scan.
+    hidden: the share of the light of an even sky that is hidden, root mean square, by the scan.
     ray_s: seconds per ray of the work, on this machine and scene. unsure: share of the rays whose outcome neighbours
     do not predict. rays: shot in all. traced_share: of the vertices.
     """
@@ -51,49 +48,49 @@ class Sample:
     def __init__(
         self,
         occluder: Occluder,  # of the scene
-        sizes: Sequence[int] | Integers,  # (C,) vertices of each chunk, in order
         size: int,  # wanted S
         directions: int,  # D
         traced: Mask | None = None,  # (V,) bool, of which vertices it is a sample: those that light is traced for
         cache: Cache | None = None,  # of the scene: what no light changes is kept there
     ) -> None:
-        self.occluder, self.sizes, self._traced = occluder, np.asarray(sizes), traced
+        self.occluder, self._traced = occluder, traced
         self.traced_share = 1.0 if traced is None else float(traced.mean())
         self._foliage: Foliage | None = None
         cache = Cache() if cache is None else cache
-        key = array_key(self.sizes, traced), size, directions, platform.node(), cores()
+        key = array_key(traced), size, directions, platform.node(), cores()
         if not cache.restored(partial(self._restore, directions), "sample", *key):
-            self.rows, self.chunk, self.weights, orders = _stratified(occluder.origins, self.sizes, size, traced)
+            order = self._order()
+            self.rows = _evenly(order, size)
+            self.weights = np.full(len(self.rows), 1.0 / max(len(self.rows), 1))
             self.normals, self.rays = occluder.normals[self.rows], 0
             self._look(directions)
-            self.ray_s, shot = ray_seconds(occluder, orders)
+            self.ray_s, shot = ray_seconds(occluder, order)
             self.rays += shot
-            self.unsure = self._unsure(orders)
-            self.hidden = self._scan()
+            self.unsure = self._unsure(order)
+            self.hidden = self._scan(_evenly(order, SCAN_VERTICES))
             cache.put("sample", *key, **self._arrays())
         self.solid = np.ones(len(self.rows), np.float32)
 
     def _arrays(self) -> dict[str, ArrayLike]:
-        names = "rows", "chunk", "weights", "ray_s", "unsure", "hidden", "rays"
+        names = "rows", "weights", "ray_s", "unsure", "hidden", "rays"
         return {"dark": np.packbits(self.seen != self.open, axis=1), **{name: getattr(self, name) for name in names}}
 
     def _restore(self, directions: int, kept: Mapping[str, NDArray[Any]]) -> bool:
         """Take over what was kept: True. Raises ValueError or KeyError for what does not fit."""
-        rows, chunk, weights, hidden = (kept[name] for name in ("rows", "chunk", "weights", "hidden"))
-        whole = rows.dtype == chunk.dtype == np.int64 and weights.dtype == hidden.dtype == np.float64
-        if not whole or not (rows.shape == chunk.shape == weights.shape) or hidden.shape != self.sizes.shape:
+        rows, weights = kept["rows"], kept["weights"]
+        if rows.dtype != np.int64 or weights.dtype != np.float64 or rows.shape != weights.shape:
             raise ValueError("a kept sample is of another kind")
-        beyond = max(rows.max(initial=0) - len(self.occluder.origins), chunk.max(initial=0) - len(self.sizes)) >= 0
-        if min(rows.min(initial=0), chunk.min(initial=0)) < 0 or beyond or not np.isfinite([*weights, *hidden]).all():
+        beyond = rows.max(initial=0) >= len(self.occluder.origins)
+        if rows.min(initial=0) < 0 or beyond or not np.isfinite(weights).all():
             raise ValueError("a kept sample is of another scene")
         dark = np.unpackbits(kept["dark"], axis=1, count=directions).astype(bool)
-        self.rows, self.chunk, self.weights, self.hidden = rows, chunk, weights, hidden
+        self.rows, self.weights, self.hidden = rows, weights, float(kept["hidden"])
         self.normals = self.occluder.normals[rows]
         self._face(directions)
         self.seen = self.open.copy()
         self.seen[dark] = 0.0  # or an IndexError
         self.ray_s, self.unsure, self.rays = float(kept["ray_s"]), float(kept["unsure"]), int(kept["rays"])
-        if not (0.0 < self.ray_s < np.inf and 0.0 <= self.unsure <= 1.0):
+        if not (0.0 < self.ray_s < np.inf and 0.0 <= self.unsure <= 1.0 and 0.0 <= self.hidden <= 1.0):
             raise ValueError("a kept sample is not finite")
         return True
 
@@ -108,8 +105,8 @@ class Sample:
 
     def wider(self, count: int) -> "Sample":
         """So many vertices of the same scene, of which `open` and `seen` are not known."""
-        other = copy.copy(self)
-        other._place(*_stratified(self.occluder.origins, self.sizes, count, self._traced)[:3])
+        other, rows = copy.copy(self), _evenly(self._order(), count)
+        other._place(rows, np.full(len(rows), 1.0 / max(len(rows), 1)))
         return other
 
     def lit(self, count: int, square: Floats) -> "Sample":
@@ -122,12 +119,17 @@ class Sample:
         edges = np.cumsum(chance)
         at = np.searchsorted(edges, np.arange(0.5, edges[-1] if len(edges) else 0.0))
         other = copy.copy(self)
-        other._place(self.rows[at], self.chunk[at], self.weights[at] / chance[at])
+        other._place(self.rows[at], self.weights[at] / chance[at])
         return other
 
-    def _place(self, rows: Indices, chunk: Indices, weights: NDArray[np.float64]) -> None:
+    def _order(self) -> Indices:
+        """The vertices that light is traced for, along a curve through space."""
+        order = self.occluder.ranked[0]
+        return order if self._traced is None else order[self._traced[order]]
+
+    def _place(self, rows: Indices, weights: NDArray[np.float64]) -> None:
         """Take these vertices."""
-        self.rows, self.chunk, self.weights = rows, chunk, weights
+        self.rows, self.weights = rows, weights
         self.normals = self.occluder.normals[rows]
         leaf = np.zeros(len(self.occluder.origins), np.float32)
         if self._foliage is not None:
@@ -182,22 +184,20 @@ class Sample:
         blocks = [order[begin : begin + consensus.BLOCK] for begin in begins]
         rows = np.concatenate([block for block in blocks if len(block) == consensus.BLOCK] or blocks[:1])
         places = self.occluder.origins[rows], self.occluder.normals[rows], azimuths
-        offsets = sampling.ranked_offsets(0, len(rows), 1)
+        offsets = sampling.ranked_offsets(np.arange(len(rows)), 1)
         traced = consensus.hidden_rays(self.occluder, consensus.RaySet(*places, offsets))[1]
         self.rays += traced
         return traced / max(1, len(rows) * len(azimuths))
 
-    def _scan(self) -> NDArray[np.float64]:
-        """Root mean square of the hidden fraction in every chunk, by two halves of the rays, so that noise cancels."""
-        rows, chunk, *_ = _stratified(self.occluder.origins, self.sizes, SCAN_VERTICES, self._traced)
-        origins, normals = self.occluder.origins[rows], self.occluder.normals[rows]
+    def _scan(self, rows: Indices) -> float:
+        """Root mean square of the hidden fraction, by two halves of the rays, so that noise cancels."""
         shot = np.zeros((len(rows), SCAN_RAYS, 6), np.float32)
-        sampling.shoot(origins, normals, sampling.fibonacci_azimuths(SCAN_RAYS), 1, shot)
+        azimuths = sampling.fibonacci_azimuths(SCAN_RAYS)
+        sampling.shoot(self.occluder.origins[rows], self.occluder.normals[rows], azimuths, 1, shot)
         hidden = self.occluder.occluded(shot)
         self.rays += hidden.size
         product = hidden[:, 0::2].mean(axis=1) * hidden[:, 1::2].mean(axis=1)
-        counts = np.bincount(chunk, minlength=len(self.sizes))
-        return np.sqrt(np.bincount(chunk, product, len(counts)) / np.maximum(counts, 1))
+        return float(np.sqrt(product.sum() / max(len(rows), 1)))
 
 
 def ray_seconds(occluder: Occluder, order: Indices, batches: int = TIMED_BATCHES) -> tuple[float, int]:
@@ -214,30 +214,7 @@ def ray_seconds(occluder: Occluder, order: Indices, batches: int = TIMED_BATCHES
     return float(np.median(seconds)), rays
 
 
-def _stratified(
-    origins: Points, sizes: Integers, wanted: int, traced: Mask | None = None
-) -> tuple[Indices, Indices, NDArray[np.float64], Indices]:
-    """Rows (S,), their chunks (S,), weights (S,), every chunk by its size, but some of each; and all in order.
-
-    traced: (V,) bool, the only rows to take, which make up the sizes; all without.
-    """
-    ends = np.cumsum(sizes)
-    orders = [end - size + _along_curve(origins[end - size : end]) for end, size in zip(ends, sizes, strict=True)]
-    if traced is not None:
-        orders = [order[traced[order]] for order in orders]
-        sizes = np.array([len(order) for order in orders])
-    total = max(int(np.sum(sizes)), 1)
-    counts = np.ceil(wanted * sizes / total).astype(int)
-    counts = np.minimum(np.maximum(counts, LEAST_PER_CHUNK), sizes)
-    rows, chunks, weights = [], [], []
-    for chunk, (order, size, count) in enumerate(zip(orders, sizes, counts, strict=True)):
-        at = ((np.arange(count) + 0.5) * size / max(count, 1)).astype(int)
-        rows.append(order[at])
-        chunks.append(np.full(count, chunk))
-        weights.append(np.full(count, size / max(count, 1) / total))
-    return np.concatenate(rows), np.concatenate(chunks), np.concatenate(weights), np.concatenate(orders)
-
-
-def _along_curve(origins: Points) -> Indices:
-    """Order of positions along a Z-order curve."""
-    return ranked_nodes(np.ascontiguousarray(origins), np.zeros_like(origins))[0]
+def _evenly(order: Indices, wanted: int) -> Indices:
+    """So many of the vertices in an order, evenly; all where there are fewer."""
+    count = min(wanted, len(order))
+    return order[((np.arange(count) + 0.5) * len(order) / max(count, 1)).astype(int)]

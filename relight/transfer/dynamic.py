@@ -72,7 +72,7 @@ class DynamicTransfer:
             raise InputError("the scene has no faces: light needs a surface")
         self.frame = Frame.around(self._vertices, faces) if anchor.frame is None else anchor.frame
         self._azimuths = sampling.fibonacci_azimuths(self.ray_count)
-        self._offsets = sampling.ranked_offsets(0, len(self._vertices), seed)
+        self._offsets = sampling.ranked_offsets(np.arange(len(self._vertices)), seed)
         self.transfer = np.zeros((len(self._vertices), self.bands**2), np.float32)
         self.bodies = self._split(np.repeat(self._body_of, counts), faces)
         known = None if anchor.ranks is None else np.asarray(anchor.ranks)

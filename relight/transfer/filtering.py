@@ -26,9 +26,7 @@ NOISE_POWER = -1.48
 (scripts/bench rays prints it), within a quarter for each of them, for each degree below 3 and for 8 to 256 rays."""
 
 TOLERANCE = 4.0
-STRICT_RAYS = 20
-"""Weight 1 / (1 + (q / t)^2) at a squared difference of q times the expected one; t = 4 (3 to 8 differ by 2%) up
-to 20 B rays, then falling with the square root of the rays: for a coarse mesh in low bands their bias is too much."""
+"""Weight 1 / (1 + (q / t)^2) at a squared difference of q times the expected one; t = 4 (3 to 8 differ by 2%)."""
 
 FLOOR = np.float32(0.01)
 """Least f (1 - f) assumed: a shadow of less than a ray or two cannot be distinguished from none."""
@@ -62,8 +60,7 @@ def average(
     """
     count, bands = len(model), min(FEW_BANDS, math.isqrt(rest.shape[1]))
     noise = NOISE * rays**NOISE_POWER * bands**2  # variance of all that is compared, except for f (1 - f)
-    strict = min(1.0, STRICT_RAYS * math.isqrt(rest.shape[1]) / rays) ** 0.5
-    accepted = np.float32(noise * TOLERANCE * strict)
+    accepted = np.float32(noise * TOLERANCE)
     lobe = (harmonics.lambert_coefficients(bands) / np.pi).astype(np.float32)
     tables = legendre_factors(bands), lobe, squared_lobe(bands)
     ring = Rows(neighbors.vertices, neighbors.starts, neighbors.columns, neighbors.weights)

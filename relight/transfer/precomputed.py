@@ -10,10 +10,11 @@ from splat2mesh.base.arrays import Transfer
 from splat2mesh.scene.scene import Scene
 
 from .analytic import analytic
-from .kept import SURFACES, Key, arrays_of, chunks_text, key_of, restored, serves, stands_for
+from .kept import SURFACES, Key, key_of, restored, serves, stands_for
 from .kept_bounces import KeptBounces
 from .neighbors import Neighbors
 from .neuralgash import neural_gash
+from .occluder import Occluder
 from .receivers import Receivers
 from .settings import Settings
 from .store import Cache
@@ -55,7 +56,7 @@ class Precomputed(KeptBounces):
     def there(self) -> Callable[[Settings], tuple[bool, bool]]:
         """A function of Settings: (whether their transfer takes no ray, whether their bounces take none), as of now."""
         keys = [*self._transfers, *self._keys()]
-        keys, most = [each for each in keys if each[4] == self.seed], max(self._matrices(), default=0)
+        keys, most = [each for each in keys if each[3] == self.seed], max(self._matrices(), default=0)
 
         def found(settings: Settings) -> tuple[bool, bool]:
             leaves = self._leaves(settings)
@@ -81,7 +82,7 @@ class Precomputed(KeptBounces):
         there one that knows nothing of it. What follows from them does not depend on what ran before."""
         settings = settings._replace(volume=settings.volume if self.foliage is not None else 0)
         key, leaves = self._key(settings, settings.rays), self._leaves(settings)
-        known = {each for each in (*self._transfers, *self._keys()) if each[4] == self.seed}
+        known = {each for each in (*self._transfers, *self._keys()) if each[3] == self.seed}
         serving, seen = {each for each in known if serves(each, settings, leaves)}, self._known_visibility(settings)
         wanted, as_wanted = settings.bounce_rays, serving == {key} if serving else seen is None
         others = {rays for rays in self._matrices() if rays >= wanted}
@@ -108,7 +109,7 @@ class Precomputed(KeptBounces):
     def _kept(self, settings: Settings) -> tuple[Key, Transfer] | None:
         """(key, transfer) of the smallest kept transfer that serves, or None."""
         for key in sorted(self._keys(), key=lambda key: key[1:3]):
-            if key[4] != self.seed or not serves(key, settings, self._leaves(settings)):
+            if key[3] != self.seed or not serves(key, settings, self._leaves(settings)):
                 continue
             receivers = self._rows_of(key[2])
             with self._stages.stage("transfer kept"):
@@ -139,7 +140,8 @@ class Precomputed(KeptBounces):
         key = self._key(settings, rays)
         if self.cache.keeps:
             with self._stages.stage("keep"):
-                self.cache.put("transfer", *key, **arrays_of(transfer, self._rows_of(rays)))
+                kept = self._rows_of(rays)  # from which the others follow
+                self.cache.put("transfer", *key, transfer=transfer if kept.all else transfer[kept.rows])
                 for other in self._keys():
                     if other != key and stands_for(key, other):
                         self.cache.drop("transfer", *other)
@@ -155,9 +157,7 @@ class Precomputed(KeptBounces):
 
     def _seen(self, settings: Settings) -> "Visibility":
         """The Visibility with a number of rays, grown from the existing one if possible."""
-        mask = None if settings.shadowed is None else np.repeat(settings.shadowed, self.sizes)
-        if settings.volume:  # leaves and grass need no rays
-            mask = self._volumes.solid if mask is None else mask & self._volumes.solid
+        mask = self._volumes.solid if settings.volume else None  # leaves and grass need no rays
         if not self.receivers.all:
             mask = self.receivers.traced if mask is None else mask & self.receivers.traced
         traced = int(self.sizes.sum() if mask is None else mask.sum())
@@ -199,10 +199,10 @@ class Precomputed(KeptBounces):
             visibility.name, visibility.sparing = name, self.sparing
         return visibility
 
-    def _name(self, settings: Settings) -> tuple[str, int, str]:
+    def _name(self, settings: Settings) -> tuple[int, str]:
         """What a Visibility for such Settings is kept under."""
         leaves = self._volumes.key if settings.volume else SURFACES
-        return chunks_text(settings.shadowed), self.seed, self._with_receivers(leaves)
+        return self.seed, self._with_receivers(leaves)
 
     def _leaves(self, settings: Settings) -> str:
         """Text for a file's name that identifies the volumes."""
@@ -215,5 +215,19 @@ class Precomputed(KeptBounces):
 
     def _key(self, settings: Settings, rays: int) -> Key:
         """The key of a transfer, as in its file."""
-        method, chunks = settings.method.replace("-", "_"), chunks_text(settings.shadowed)
-        return method, settings.bands, rays, chunks, self.seed, self._leaves(settings)
+        return settings.method.replace("-", "_"), settings.bands, rays, self.seed, self._leaves(settings)
+
+
+class PosedPrecomputed(Precomputed):
+    """A Precomputed of the same vertices in another pose. Leaves and grass keep the light of the first one.
+
+    Each vertex keeps its frame, its rank and so its rays, which are all traced: of a vertex that rests, those that the
+    motion does not reach meet what they met, to the bit.
+    """
+
+    sparing = False
+
+    def __init__(self, first: Precomputed, scene: Scene) -> None:
+        super().__init__(scene, first.seed, stages=first._stages)
+        self.foliage, self._receivers = first.foliage, first.receivers
+        self._occluder = Occluder(scene.vertices, scene.normals, scene.faces, first.occluder)

@@ -29,7 +29,6 @@ class Settings(NamedTuple):
     """One way to light a scene.
 
     method: one of `transfer.METHODS` but "auto". bands: SH bands. rays: per vertex, 0 where none are traced.
-    shadowed: (C,) bool for each chunk, whether its vertices trace rays; None for all. Everything always casts shadows.
     sun_tolerance: estimated error that the split of the sun may leave; 0 for no split.
     bounce_rays: rays per vertex that carry light from surface to surface; 0 for none.
     bounce_tolerance: what bounces still to come may contribute, relative, when they stop.
@@ -39,7 +38,6 @@ class Settings(NamedTuple):
     method: str
     bands: int
     rays: int = 0
-    shadowed: tuple[bool, ...] | None = None
     sun_tolerance: float = 0.0
     bounce_rays: int = 0
     bounce_tolerance: float = 0.0
@@ -54,8 +52,7 @@ class Settings(NamedTuple):
     def __str__(self) -> str:
         parts = [self.method, f"{self.bands} bands"]
         if self.rays:
-            chunks = "" if self.shadowed is None else f" in {sum(self.shadowed)} of {len(self.shadowed)} chunks"
-            parts.append(f"{self.rays} rays{chunks}")
+            parts.append(f"{self.rays} rays")
         if self.sun_tolerance:
             parts.append("suns")
         if self.bounce_rays:

@@ -28,7 +28,7 @@ from splat2mesh.base.outputs import staged_file
 if TYPE_CHECKING:
     from splat2mesh.scene.scene import Scene
 
-VERSION = 6
+VERSION = 7
 """Version of cached files. It increases when their format or the numbers for the same geometry and settings change."""
 
 FOLDER = "cache"

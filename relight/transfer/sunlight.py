@@ -22,7 +22,7 @@ def sunlight(
 
     Exact up to float32: a ray is traced wherever n d > 0; surfaces that face away take none. Rays begin at the
     occluder's origins, off the surface. A vertex's own faces count like any others: they hide a sun that the
-    vertex normal sees and a face that rises above the normal's plane does not, as in `raytraced`.
+    vertex normal sees and a face that rises above the normal's plane does not, as in `raytraced_scene`.
     A vertex's row depends on its position, its normal, the suns in their order and the occluder alone: its sum runs
     over the suns as they stand, in float64. Raises InputError for directions that are not unit vectors.
     """

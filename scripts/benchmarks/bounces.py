@@ -23,8 +23,8 @@ from relight.transfer.bounces import (
     with_bounces,
 )
 from relight.transfer.occluder import BATCH_RAYS
-from relight.transfer.raytraced import raytraced_scene
 from relight.transfer.settings import BOUNCE_RAYS
+from relight.transfer.visibility import raytraced_scene
 
 PROBES = 400  # vertices that are compared
 DIRECT_SAMPLES = 2**15  # of the light, for each of them: 0.5% noise

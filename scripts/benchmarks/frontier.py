@@ -91,7 +91,7 @@ def warm_up():
     Relighter(scene, tolerance=0.05).shade(light, albedo)
     for method, rays in (("raytraced", 16), ("neural-gash", 0), ("analytic", 0), ("blinn-phong", 0)):
         bouncing = (8, 0.01) if method == "raytraced" else (0, 0.0)
-        settings = Settings(method, 3, rays, None, 0.01 if rays else 0.0, *bouncing)
+        settings = Settings(method, 3, rays, 0.01 if rays else 0.0, *bouncing)
         Relighter(scene).shading(light, albedo, settings)
 
 
@@ -154,10 +154,8 @@ def measure(name, scene, albedo, lights, options, found):
             runs = [planned(scene, albedo, environment, tolerance) for _ in range(min(2, options.repeats))]
             plan, shading = runs[0][:2]
             settings = shading.settings
-            traced = np.ones(len(scene.chunks)) if settings.shadowed is None else np.array(settings.shadowed)
-            traced = int(traced @ [len(chunk.vertices) for chunk in scene.chunks])
             unsure = plan.choice.measured.sample.unsure
-            predicted = sum(costs.seconds(plan.settings, count, traced, 1.0 / count, plan.sun_count, unsure=unsure))
+            predicted = sum(costs.seconds(plan.settings, count, count, 1.0 / count, plan.sun_count, unsure=unsure))
             off = relative_error(shading.radiance[rows], expected[light])
             row = {"scene": name, "light": light, "tolerance": tolerance, "plan": str(settings)}
             row |= {"predicted": plan.error, "checked": plan.checked, "true": off, "suns_predicted": plan.sun_count}

@@ -38,7 +38,7 @@ from splat2mesh.views.viewpoints import even_directions
 SAMPLES = 1500
 DIRECTIONS = 16384
 OTHER_SEED = 977
-FINEST = Settings("raytraced", 10, 2048, None, 0.001, 512, 1e-5, 4096)
+FINEST = Settings("raytraced", 10, 2048, 0.001, 512, 1e-5, 4096)
 FINEST_LAMP, FINEST_BOUNCE, FINEST_LOBE = 1024, 2048, 64
 BOUNCES, VOLUME = 64, 512  # of the grid
 LAMP_RAYS, FIRST_RAYS, LOBE_RAYS = (8, 32, 128), (0, 64, 256), (1, 2, 4, 8, 16, 32)
@@ -141,7 +141,7 @@ class Place:
         bare = 1e9 * float(np.median(self.bare)) / scene.vertex_count
         report.note(f"\n{scene.vertex_count} vertices, {bare:.0f} ns a bare ray")
         report.note(f"direct light of the truth: {off:.2%} from the reference")
-        rest = Settings("raytraced", 3, 16, None, 0.0, BOUNCES, BOUNCE_TOLERANCE, VOLUME if leaves is not None else 0)
+        rest = Settings("raytraced", 3, 16, 0.0, BOUNCES, BOUNCE_TOLERANCE, VOLUME if leaves is not None else 0)
         grid = [Settings("analytic", 3)]
         for bands in self.options.bands:
             for rays in self.options.rays:

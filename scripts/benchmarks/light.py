@@ -15,9 +15,9 @@ from benchmarks.shapes import MADE_VERTICES, shape
 from relight import Environment
 from relight.light.skies import BUILTIN
 from relight.light.sun_split import split
-from relight.transfer.raytraced import raytraced_scene
 from relight.transfer.reference import reference
 from relight.transfer.sunlight import sunlight
+from relight.transfer.visibility import raytraced_scene
 
 SAMPLES = 1500
 DIRECTIONS = 16384

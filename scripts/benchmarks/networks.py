@@ -15,8 +15,8 @@ from relight import Environment
 from relight.sh.cga import vertex_motors
 from relight.transfer.analytic import analytic
 from relight.transfer.neuralgash import BATCH, MODEL, UnitFrame, neural_gash
-from relight.transfer.raytraced import raytraced_scene
 from relight.transfer.sessions import open_session
+from relight.transfer.visibility import raytraced_scene
 from scenes.plain_rays import raytraced
 
 BANDS = 3  # that the network has

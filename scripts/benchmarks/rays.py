@@ -22,8 +22,7 @@ from relight.sh import harmonics
 from relight.transfer import consensus, sampling
 from relight.transfer.analytic import analytic
 from relight.transfer.filtering import NOISE_POWER
-from relight.transfer.raytraced import raytraced_scene
-from relight.transfer.visibility import Visibility
+from relight.transfer.visibility import Visibility, raytraced_scene
 from scenes.plain_rays import raytraced
 from splat2mesh.base import sphere
 

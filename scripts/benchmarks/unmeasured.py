@@ -43,7 +43,7 @@ def run(options, report):
         for light, environment in lights.items():
             for least, _ in decide.UNMEASURED:
                 asked = LightingOptions(tolerance=max(least, 0.01))
-                plan = decide.unmeasured(PlannedScene(occluder, [count], albedo), asked)
+                plan = decide.unmeasured(PlannedScene(occluder, albedo), asked)
                 shading, seconds = _lit(scene, environment, albedo, plan.settings)
                 by_plan, plan_seconds = _lit(scene, environment, albedo, asked)
                 row = {"scene": name, "vertices": count, "light": light, "settings": str(plan.settings)}
@@ -62,7 +62,7 @@ def _lit(scene, environment, albedo, wanted):
         known = relighter.precomputed
         made = Relighter(scene, wanted, precomputed=known)
         made._planner._made = lambda light, tint, angles: planned(
-            PlannedScene(known.occluder, known.sizes, tint), light, wanted, angles, known.there()
+            PlannedScene(known.occluder, tint), light, wanted, angles, known.there()
         )
         return made.shading(environment, albedo)
 

@@ -10,8 +10,8 @@ from relight.albedo import CaptureEvidence
 from relight.light.projections import texel_directions
 from relight.transfer.bounces import Interreflection, visible_fraction, with_bounces
 from relight.transfer.occluder import Occluder
-from relight.transfer.raytraced import raytraced_scene
 from relight.transfer.transport import Transport
+from relight.transfer.visibility import raytraced_scene
 from splat2mesh.scene.measured import CapturedSky
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene

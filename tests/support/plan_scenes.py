@@ -137,6 +137,5 @@ def difference(found, expected):
 
 def plan(scene, environment, tolerance=None, albedo_linear=None, angles=1, **options):
     """The Plan for a scene under a light."""
-    sizes, wishes = [len(chunk.vertices) for chunk in scene.chunks], LightingOptions(tolerance=tolerance, **options)
-    known = PlannedScene(occluder_of(scene), sizes, albedo_linear, Foliage.of_scene(scene))
-    return planned(known, environment, wishes, angles)
+    known = PlannedScene(occluder_of(scene), albedo_linear, Foliage.of_scene(scene))
+    return planned(known, environment, LightingOptions(tolerance=tolerance, **options), angles)

@@ -15,8 +15,8 @@ from relight.light.captured_light import NAME, LikelyLight, LikelySun, choose, o
 from relight.light.projections import texel_directions
 from relight.light.sun_position import toward
 from relight.transfer.bounces import with_bounces
-from relight.transfer.raytraced import raytraced_scene
 from relight.transfer.transport import Transport
+from relight.transfer.visibility import raytraced_scene
 from splat2mesh.base.errors import InputError
 from splat2mesh.scene.color import bytes_from_unit, luminance, srgb_from_linear
 from splat2mesh.scene.mesh import Mesh

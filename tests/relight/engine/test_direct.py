@@ -17,7 +17,7 @@ from splat2mesh.base.progress import Stages
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene
 
-SUNLIT = Settings("raytraced", 4, 32, None, 0.01)
+SUNLIT = Settings("raytraced", 4, 32, 0.01)
 
 
 @pytest.fixture(scope="module")

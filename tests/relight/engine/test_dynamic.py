@@ -10,7 +10,7 @@ from splat2mesh.base.errors import InputError
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene
 
-SUNLIT = Settings("raytraced", 4, 48, None, 0.01)
+SUNLIT = Settings("raytraced", 4, 48, 0.01)
 
 
 def mesh_of(shape, shift=(0, 0, 0), seed=0):
@@ -108,7 +108,7 @@ def test_a_new_light_while_things_move_traces_nothing_of_the_pose_before(scene, 
 def test_bounces_follow_when_caught_up(scene):
     light = Environment.load("overcast")
     albedo = np.full(scene.vertices.shape, 0.8, np.float32)
-    bouncing = Settings("raytraced", 4, 64, None, 0.0, 64, 1e-3)
+    bouncing = Settings("raytraced", 4, 64, 0.0, 64, 1e-3)
     relighter = Relighter(scene)
     relighter.shading(light, albedo, bouncing)
     poses, mesh = moved(scene, 1, (0.9, -0.05, 0.0))

@@ -27,7 +27,7 @@ def ball():
 
 @pytest.fixture(scope="module")
 def sample(ball):
-    return Sample(ball, [len(ball.origins)], 1500, 16)
+    return Sample(ball, 1500, 16)
 
 
 def pool(ball, part):

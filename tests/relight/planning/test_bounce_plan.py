@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from relight.planning.bounce_plan import plan_first_bounce
+from relight.planning.lamp_plan import plan_first_bounce
 from relight.transfer.bounces import Interreflection
 from relight.transfer.first_bounce import first_bounce
 from relight.transfer.occluder import Occluder

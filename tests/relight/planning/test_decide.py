@@ -7,8 +7,8 @@ from plan_scenes import corner, difference, occluder_of, truth
 from relight import Environment, Relighter
 from relight.options import LightingOptions
 from relight.planning import decide
-from relight.planning.choice import SAFETY, SKIPPED
-from relight.planning.decide import PlannedScene, leaves_for
+from relight.planning.choice import SAFETY
+from relight.planning.decide import PlannedScene
 from relight.planning.plan import Plan
 from relight.planning.sample import Sample
 from relight.transfer.settings import VOLUME_DIRECTIONS
@@ -31,21 +31,21 @@ def scene():
 def test_a_sample_is_the_same_whatever_is_asked(scene, monkeypatch, asked):
     found = []
 
-    def sample(occluder, sizes, vertices, count, traced, cache):
+    def sample(occluder, vertices, count, traced, cache):
         found.append(count)
-        return Sample(occluder, sizes, 32, 64, traced)
+        return Sample(occluder, 32, 64, traced)
 
     monkeypatch.setattr(decide, "Sample", sample)
     options, light = LightingOptions(**asked), Environment.load("overcast")
-    plan = decide.planned(PlannedScene(occluder_of(scene), [len(scene.vertices)]), light, options)
+    plan = decide.planned(PlannedScene(occluder_of(scene)), light, options)
     assert found == [decide.SAMPLE_DIRECTIONS]
     assert (plan.tolerance, plan.budget_s) == (asked.get("tolerance"), asked.get("budget_s"))
     assert plan.vertices == len(plan.rows) <= 32 and plan.checked is None
 
 
 def test_a_plan_is_the_candidate_that_it_was_chosen_as(scene):
-    light, sizes = Environment.load("overcast"), np.array([len(scene.vertices)])
-    plan = decide.planned(PlannedScene(occluder_of(scene), sizes), light, LightingOptions(tolerance=0.05))
+    light = Environment.load("overcast")
+    plan = decide.planned(PlannedScene(occluder_of(scene)), light, LightingOptions(tolerance=0.05))
     (same,) = [each for each in plan.choice.candidates if each.settings == plan.settings]
     assert plan.error == same.error <= SAFETY * 0.05
     assert plan.seconds == same.seconds
@@ -58,7 +58,7 @@ def test_a_plan_is_the_candidate_that_it_was_chosen_as(scene):
 @pytest.mark.parametrize("tolerance,bands", [(0.05, 8), (0.016, 8), (0.0159, 10), (0.0095, 10), (0.0094, None)])
 def test_few_vertices_take_everything_without_a_sample(scene, monkeypatch, tolerance, bands):
     monkeypatch.setattr(decide, "UNMEASURED_VERTICES", len(scene.vertices))
-    white = PlannedScene(occluder_of(scene), [len(scene.vertices)])
+    white = PlannedScene(occluder_of(scene))
     plan = decide.unmeasured(white, LightingOptions(tolerance=tolerance))
     if bands is None:
         assert plan is None
@@ -69,7 +69,7 @@ def test_few_vertices_take_everything_without_a_sample(scene, monkeypatch, toler
     assert Plan.from_dict(plan.as_dict()).settings == plan.settings and "not measured" in plan.table()[1]
     looser = decide.unmeasured(white, LightingOptions(tolerance=2.0 * tolerance))
     assert looser.settings.rays <= plan.settings.rays
-    grey = PlannedScene(white.occluder, white.sizes, np.full(scene.vertices.shape, 0.5, np.float32))
+    grey = PlannedScene(white.occluder, np.full(scene.vertices.shape, 0.5, np.float32))
     assert decide.unmeasured(grey, LightingOptions(tolerance=tolerance)).settings.bounce_rays > 0
     for asked in ({"bands": 4}, {"rays": 8}, {"effects": "shadows"}, {"method": "raytraced"}):
         assert decide.unmeasured(white, LightingOptions(tolerance=tolerance, **asked)) is None
@@ -94,21 +94,6 @@ def test_what_is_taken_without_a_sample_is_within_the_tolerance(scene, monkeypat
 # -- leaves and grass
 
 
-def test_leaves_that_cost_little_as_surfaces_may_stay_surfaces():
-    wish = 0.02
-    volume, surfaces = leaves_for(SKIPPED * wish, 1.0, wish, None, 0.5, 40)
-    assert surfaces == (0, SKIPPED * wish, 0.0, 40, SKIPPED * wish) and volume.directions == VOLUME_DIRECTIONS
-    (volume,) = leaves_for(1.001 * SKIPPED * wish, 0.0, wish, None, 0.5, 40)
-    assert volume.directions == VOLUME_DIRECTIONS
-
-
-@pytest.mark.parametrize("error", [0.0, 1.0])
-def test_effects_that_are_asked_for_decide_on_leaves(error):
-    (volume,) = leaves_for(error, 0.0, 0.02, frozenset({"shadows", "volume"}), 0.5, 40)
-    assert volume.directions == VOLUME_DIRECTIONS
-    assert leaves_for(error, 0.0, 0.02, frozenset({"shadows"}), 0.5, 40) == [(0, error, 0.0, 40, error)]
-
-
 class Thick:
     """A Foliage of which half of all light is hidden from what is a volume: the planned choice asks nothing else."""
 
@@ -120,24 +105,24 @@ class Thick:
 
 
 def test_a_plan_lists_leaves_and_the_light_they_were_chosen_for(scene):
-    light, sizes = Environment.load("overcast"), [len(scene.vertices)]
+    light, count = Environment.load("overcast"), len(scene.vertices)
 
     def plan(foliage, **asked):
         options = LightingOptions(**asked)
-        return decide.planned(PlannedScene(occluder_of(scene), sizes, foliage=foliage), light, options)
+        return decide.planned(PlannedScene(occluder_of(scene), foliage=foliage), light, options)
 
-    thick = plan(Thick(sizes[0], 1.0), tolerance=0.05)
+    thick = plan(Thick(count, 1.0), tolerance=0.05)
     assert thick.settings.volume == VOLUME_DIRECTIONS and thick.settings.rays
     table = {effect: (error, decision) for effect, error, decision in thick.contributions}
-    assert table["volume"][0] > SKIPPED * 0.05
-    assert table["volume"][1].startswith(f"{thick.settings.volume} directions for {sizes[0]:,} vertices")
-    surfaces = plan(Thick(sizes[0], 0.0), tolerance=0.05)  # a volume of nothing
-    assert surfaces.settings == plan(None, tolerance=0.05).settings and surfaces.settings.volume == 0
+    assert table["volume"][0] > 0.0
+    assert table["volume"][1].startswith(f"{thick.settings.volume} directions for {count:,} vertices")
+    surfaces = plan(Thick(count, 0.0), tolerance=0.05, effects="shadows,sun")
+    assert surfaces.settings.volume == 0
     assert dict((effect, decision) for effect, _, decision in surfaces.contributions)["volume"] == "skipped"
 
 
 def test_methods_that_trace_nothing_have_no_leaves(scene):
-    light, sizes = Environment.load("overcast"), [len(scene.vertices)]
+    light, count = Environment.load("overcast"), len(scene.vertices)
     options = LightingOptions(tolerance=0.05, method="analytic")
-    plan = decide.planned(PlannedScene(occluder_of(scene), sizes, foliage=Thick(sizes[0], 1.0)), light, options)
+    plan = decide.planned(PlannedScene(occluder_of(scene), foliage=Thick(count, 1.0)), light, options)
     assert plan.settings.volume == 0 and "volume" not in [effect for effect, *_ in plan.contributions]

@@ -13,10 +13,10 @@ from relight.transfer import bounce_places, kept_bounces, precomputed
 from relight.transfer.bounces import Interreflection, Sharing, visible_fraction
 from relight.transfer.neighbors import Neighbors
 from relight.transfer.occluder import Occluder
-from relight.transfer.raytraced import raytraced_scene
 from relight.transfer.reference import reference
 from relight.transfer.settings import BOUNCE_RAYS, EFFECTS
 from relight.transfer.sunlight import sunlight
+from relight.transfer.visibility import raytraced_scene
 from splat2mesh.base.errors import InputError
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene

@@ -7,7 +7,7 @@ import pytest
 from relight.planning.sample import Sample
 from relight.transfer.store import Cache
 
-ARRAYS = "rows", "chunk", "weights", "normals", "directions", "open", "seen", "hidden"
+ARRAYS = "rows", "weights", "normals", "directions", "open", "seen", "hidden"
 
 
 @pytest.fixture
@@ -15,7 +15,7 @@ def made(tmp_path):
     """A function that makes the Sample of a corner, and the folder that keeps it."""
     scene, _ = plan_scenes.corner(16)
     occluder = plan_scenes.occluder_of(scene)
-    return lambda: Sample(occluder, [scene.vertex_count], 200, 64, cache=Cache(tmp_path, "corner")), tmp_path
+    return lambda: Sample(occluder, 200, 64, cache=Cache(tmp_path, "corner")), tmp_path
 
 
 def same(one, other):

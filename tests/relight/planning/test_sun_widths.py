@@ -27,7 +27,7 @@ def patch(toward, height=720):
 @pytest.mark.parametrize("scene,off", [("needles", True), ("sphere", False)])
 def test_the_width_of_a_sun_is_what_points_are_off(scene, off):
     scene = getattr(plan_scenes, scene)()
-    sample = Sample(plan_scenes.occluder_of(scene), np.array([scene.vertex_count]), 384, 1024)
+    sample = Sample(plan_scenes.occluder_of(scene), 384, 1024)
     light, suns = patch([0.3, 0.8, 0.2])
     squares = []
     for quarter in range(4):

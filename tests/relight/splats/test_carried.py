@@ -8,8 +8,7 @@ from moving_meshes import ball, grid, mesh
 from scipy.spatial.transform import Rotation
 
 from relight.splats.binding import Binding
-from relight.transfer.posed import PosedPrecomputed
-from relight.transfer.precomputed import Precomputed
+from relight.transfer.precomputed import PosedPrecomputed, Precomputed
 from relight.transfer.settings import Settings
 from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.splats import Splats

@@ -8,7 +8,7 @@ from relight.transfer.bounces import Interreflection, Sharing, visible_fraction
 from relight.transfer.first_bounce import first_bounce
 from relight.transfer.neighbors import Neighbors
 from relight.transfer.occluder import Occluder
-from relight.transfer.raytraced import raytraced_scene
+from relight.transfer.visibility import raytraced_scene
 from scenes import build
 
 

@@ -101,7 +101,7 @@ def test_a_lone_sphere_is_exact():
 def test_blocks_do_not_depend_on_threads_or_calls(occluder, seen, monkeypatch):
     vertices = seen[1].neighbors.vertices[: 5 * consensus.BLOCK + 7]
     places = occluder.origins[vertices], occluder.normals[vertices], sampling.fibonacci_azimuths(RAYS)
-    offsets = sampling.ranked_offsets(0, len(vertices), 0)
+    offsets = sampling.ranked_offsets(np.arange(len(vertices)), 0)
     whole, traced = consensus.hidden_rays(occluder, consensus.RaySet(*places, offsets))
     cut = 2 * consensus.BLOCK
     parts = [

@@ -12,10 +12,10 @@ from relight.transfer.dynamic_suns import DynamicSunlight
 from relight.transfer.filtering import average, steps_for
 from relight.transfer.neighbors import Neighbors
 from relight.transfer.occluder import Occluder
-from relight.transfer.raytraced import raytraced_scene
 from relight.transfer.reach import Box, NodeRays, blocked
 from relight.transfer.rings import Rings
 from relight.transfer.sunlight import sunlight
+from relight.transfer.visibility import raytraced_scene
 from splat2mesh.base.errors import InputError
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene
@@ -114,7 +114,7 @@ def test_the_moved_scene_traced_by_other_code_gives_the_same(scene):
     neighbors = Neighbors(occluder.origins, occluder.normals, occluder.faces)
     rows = neighbors.vertices
     origins, normals = occluder.origins[rows], occluder.normals[rows]
-    offsets = sampling.ranked_offsets(0, len(moved.vertices), 0)[live.ranks[rows]]
+    offsets = sampling.ranked_offsets(np.arange(len(moved.vertices)), 0)[live.ranks[rows]]
     rays = np.zeros((len(rows), RAYS, 6), np.float32)
     sampling.shoot_at(origins, normals, sampling.fibonacci_azimuths(RAYS), offsets, rays)
     model, rest = np.zeros((len(rows), 4), np.float32), np.zeros((len(moved.vertices), BANDS**2), np.float32)

@@ -9,7 +9,7 @@ from relight.transfer import filtering, lobes
 from relight.transfer.analytic import analytic
 from relight.transfer.neighbors import Neighbors
 from relight.transfer.occluder import Occluder
-from relight.transfer.raytraced import raytraced_scene
+from relight.transfer.visibility import raytraced_scene
 from scenes.plain_rays import raytraced
 from splat2mesh.base.errors import InputError
 
@@ -128,8 +128,7 @@ def test_a_fan_of_many_faces_is_one_row():
 
 def averaged_densely(weights, normals, model, rest, rays, steps):
     """Steps in float64, from the definitions of `filtering`, over nodes with (N, N) weights."""
-    of_rest = int(np.sqrt(rest.shape[1]))
-    bands = min(3, of_rest)
+    bands = min(3, int(np.sqrt(rest.shape[1])))
     base = weights + np.eye(len(weights))
     for step in range(steps):
         guide = analytic(normals, bands)
@@ -140,7 +139,7 @@ def averaged_densely(weights, normals, model, rest, rays, steps):
             spread = hidden * (1 - hidden) + 0.01
         noise = 0.078 * rays**-1.48 * bands**2 * (spread[:, None] + spread[None])
         square = ((guide[:, None] - guide[None]) ** 2).sum(axis=-1)
-        share = base / (1 + (square / noise / (4 * min(1, 20 * of_rest / rays) ** 0.5)) ** 2)
+        share = base / (1 + (square / noise / 4) ** 2)
         share /= share.sum(axis=1, keepdims=True)
         model, rest, spread = share @ model, share @ rest, share**2 @ spread
     return model, rest

@@ -25,8 +25,8 @@ from relight.sh import cga, harmonics
 from relight.transfer.analytic import analytic
 from relight.transfer.bounces import Interreflection
 from relight.transfer.occluder import Occluder
-from relight.transfer.raytraced import raytraced_scene
 from relight.transfer.sunlight import sunlight
+from relight.transfer.visibility import raytraced_scene
 from scenes.plain_rays import raytraced
 from splat2mesh.base.errors import DataWarning
 from splat2mesh.scene.mesh import vertex_normals

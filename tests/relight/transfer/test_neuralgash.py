@@ -15,7 +15,7 @@ from relight.transfer import neuralgash, sessions
 from relight.transfer.analytic import analytic
 from relight.transfer.neuralgash import neural_gash, unit_points
 from relight.transfer.occluder import Occluder
-from relight.transfer.raytraced import raytraced_scene
+from relight.transfer.visibility import raytraced_scene
 from scenes import shapes
 from splat2mesh.base.errors import DataWarning, InputError
 

@@ -10,8 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from relight import Environment, Relighter
 from relight.transfer.occluder import Occluder
-from relight.transfer.posed import PosedPrecomputed
-from relight.transfer.precomputed import Precomputed
+from relight.transfer.precomputed import PosedPrecomputed, Precomputed
 from relight.transfer.settings import Settings
 from relight.transfer.visibility import Visibility
 from splat2mesh.scene.mesh import Mesh

@@ -10,7 +10,7 @@ from relight.sh.normals import unit_normals
 from relight.transfer import lobes, sampling
 from relight.transfer.analytic import analytic
 from relight.transfer.occluder import Occluder
-from relight.transfer.raytraced import raytraced_scene
+from relight.transfer.visibility import raytraced_scene
 from scenes.plain_rays import raytraced
 from splat2mesh.base.errors import DataWarning, InputError
 
@@ -201,13 +201,13 @@ def test_hashed_offsets_are_uniform_and_independent():
 
 
 def test_ranked_offsets_fill_the_square_evenly_in_every_run():
-    offsets = sampling.ranked_offsets(10**6, 10**6 + 4096, seed=5)
+    offsets = sampling.ranked_offsets(10**6 + np.arange(4096), seed=5)
     assert offsets.dtype == np.float32 and offsets.min() >= 0 and offsets.max() < 1
-    np.testing.assert_array_equal(sampling.ranked_offsets(10**6 + 100, 10**6 + 164, seed=5), offsets[100:164])
+    np.testing.assert_array_equal(sampling.ranked_offsets(10**6 + np.arange(100, 164), seed=5), offsets[100:164])
     for start in range(0, 4096, 256):
         counts = np.histogram2d(*offsets[start : start + 256].T, bins=8, range=[[0, 1], [0, 1]])[0]
         assert counts.min() >= 2 and counts.max() <= 7  # 4 expected; independent ones: 0 and 11
-    assert (sampling.ranked_offsets(0, 64, seed=6) != sampling.ranked_offsets(0, 64, seed=7)).all()
+    assert (sampling.ranked_offsets(np.arange(64), seed=6) != sampling.ranked_offsets(np.arange(64), seed=7)).all()
 
 
 # -- closed forms of visibility

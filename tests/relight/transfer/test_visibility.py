@@ -9,9 +9,8 @@ from relight.transfer import MAX_RAYS, sampling
 from relight.transfer.analytic import analytic
 from relight.transfer.filtering import average, steps_for
 from relight.transfer.occluder import Occluder
-from relight.transfer.raytraced import raytraced_scene
 from relight.transfer.sampling import MAX_DOUBLINGS, MIN_GROWING
-from relight.transfer.visibility import Visibility, completed
+from relight.transfer.visibility import Visibility, completed, raytraced_scene
 from scenes.plain_rays import offsets_by_rank, raytraced, trace
 from splat2mesh.base.errors import InputError
 from splat2mesh.scene.scene import Scene
@@ -41,7 +40,7 @@ def test_bits_are_what_the_rays_meet(occluder, rays):
     seen = Visibility(occluder, rays, seed=5)
     vertices = seen.neighbors.vertices
     shot = np.zeros((len(vertices), rays, 6), np.float32)
-    offsets = sampling.ranked_offsets(0, len(vertices), 5)
+    offsets = sampling.ranked_offsets(np.arange(len(vertices)), 5)
     azimuths = sampling.fibonacci_azimuths(rays)
     sampling.shoot_at(occluder.origins[vertices], occluder.normals[vertices], azimuths, offsets, shot)
     hidden = np.unpackbits(seen.bits[0], axis=1, count=rays).astype(bool)

@@ -204,22 +204,6 @@ def test_the_light_of_the_capture_passes_the_same_leaves_as_a_new_one():
     assert np.abs(on_surfaces - lit).mean() > 5.0 * np.abs(again - lit).mean()
 
 
-def test_a_plan_leaves_out_what_gives_nothing():
-    scene = thicket(0.021)
-    scene.measured.vertex_volume[10:] = 0.0
-    scene.measured.vertex_volume[:10] = 0.5
-    scene.measured = scene.measured._replace(sky=_no_sky())
-    plan = Relighter(scene, tolerance=0.2).plan_for(sky())
-    rows = {row[0]: row for row in plan.contributions}
-    assert not plan.settings.volume and rows["volume"][2] == "skipped"
-
-
-def _no_sky():
-    from splat2mesh.scene.measured import CapturedSky
-
-    return CapturedSky(*(np.zeros((4, 8, 3), np.float32) for _ in range(3)))
-
-
 def test_the_furnace_stays_within_one():
     """Under a white sky, leaves among surfaces neither make nor keep more light than comes."""
     scene = thicket(0.5)
@@ -242,7 +226,7 @@ def test_a_sample_that_looks_closer_has_the_leaves_of_one_that_always_did():
     scene = thicket(0.5)
     occluder = Occluder(scene.vertices, scene.normals, scene.faces)
     foliage = Foliage(scene.vertices, np.linspace(0.0, 1.0, 900), scene.measured.depth)
-    plain, fine = (Sample(occluder, np.array([900]), 50, directions) for directions in (128, 512))
+    plain, fine = (Sample(occluder, 50, directions) for directions in (128, 512))
     closer, expected = plain.thickened(foliage)[0].finer(4), fine.thickened(foliage)[0]
     for name in ("directions", "open", "seen", "solid"):
         np.testing.assert_array_equal(getattr(closer, name), getattr(expected, name))
