@@ -9,6 +9,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from splat2mesh.render.screentiles import AREA
 from splat2mesh.splats.splats import sh_basis_3dgs
 
 from ..splats.blending import Blending
@@ -56,9 +57,9 @@ def fitted(
             total += basis[:, :, None] * sums[rows, None]
         return total
 
-    weight = np.zeros((count, 1), np.float32)
+    weight = np.zeros((count, 3), np.float32)
     for blending, known, _ in views:
-        ones = np.zeros((256 * (len(blending.runs) - 1), 1), np.float32)
+        ones = np.zeros((AREA * (len(blending.runs) - 1), 3), np.float32)
         ones[known] = 1.0
         blending.spread(ones, weight)
     scale = 1.0 / (0.3 * weight[rows][:, None] + hold + 0.5)

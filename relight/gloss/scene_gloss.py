@@ -18,7 +18,7 @@ from .fits import PatchFits, observed
 from .gloss_plan import GlossPlan, plan_gloss
 from .material import Gloss, materials
 from .reflections import Reflections
-from .views import GLANCE, outer_looks
+from .views import outer_looks
 
 if TYPE_CHECKING:
     from ..engine.appearance import Appearance
@@ -71,7 +71,6 @@ class SceneGloss:
         self._scene, self._splats, self._binding = scene, splats, binding
         self._cache, self._seed, self._stages = cache, seed, stages
         self._reflections: Reflections | None = None
-        self._glance: Looks | None = None  # the first pictures, until the others join them
 
     @cached_property
     def fits(self) -> PatchFits | None:
@@ -80,21 +79,12 @@ class SceneGloss:
             return None
         found = self._kept
         if found is None:
-            binding = self._binding()
-            if not self._scene.is_place:  # of which no pictures are there yet
-                with self._stages.stage("look at gloss"):
-                    self._glance = outer_looks(binding, self._scene, slice(GLANCE))
-                found = self._observed(self._glance)
-            if found is None or hints_at_gloss(found):
-                found = self._observed(self._looks)
+            colors, looks = self._scene.colors_srgb.astype(np.float64) / 255.0, self._looks
+            with self._stages.stage("observe gloss"):
+                found = observed(self._binding(), looks, self._rotation, colors, self._seed)
             if found is not None and self._cache is not None:
                 self._cache.put("reflections", *self._key, **found._asdict())
         return found if found is not None and hints_at_gloss(found) else None
-
-    def _observed(self, looks: "Looks | None") -> PatchFits | None:
-        colors = self._scene.colors_srgb.astype(np.float64) / 255.0
-        with self._stages.stage("observe gloss"):
-            return observed(self._binding(), looks, self._rotation, colors, self._seed)
 
     @property
     def known(self) -> bool:
@@ -172,11 +162,7 @@ class SceneGloss:
     @cached_property
     def _looks(self) -> "Looks | None":
         with self._stages.stage("look at gloss"):
-            glance, self._glance = self._glance, None
-            if glance is None:
-                return outer_looks(self._binding(), self._scene)
-            rest = outer_looks(self._binding(), self._scene, slice(GLANCE, None))
-            return glance if rest is None else glance.joined(rest)
+            return outer_looks(self._binding(), self._scene)
 
     @cached_property
     def _key(self) -> tuple[str, int]:

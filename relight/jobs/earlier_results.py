@@ -8,8 +8,8 @@ import hashlib
 import json
 import os
 import warnings
-from collections.abc import Callable, Iterable
-from dataclasses import fields
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import fields, is_dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,15 +23,13 @@ from splat2mesh.base.version import VERSION
 from splat2mesh.scene.folder import sha256_of
 from splat2mesh.scene.foreign import as_scene
 
-from ..insert.asked import asked_inserts, described
+from ..insert.asked import asked_inserts
 from ..lamps.placing import asked_lamps, in_brief
 from ..light.captured_light import light_file
-from ..light.daylight import DaylightRequest
+from ..light.environment import Environment
 from ..splats.lit_part import fields_of
 
 if TYPE_CHECKING:
-    from ..insert.asked import AskedInsert
-    from ..lamps.asked import AskedLamp
     from ..request import AnyLight, RelightRequest
 
 REPORT = "report.json"
@@ -72,17 +70,17 @@ def settings_of(request: "RelightRequest", env: "AnyLight", angle_deg: float) ->
         "white_at": request.white_at,
         "exposure_ev": request.exposure_ev,
         "sky": request.sky,
-        "only": [_described_part(each) for each in request.only],
-        "keep": [_described_part(each) for each in request.keep],
+        "only": _described(request.only),
+        "keep": _described(request.keep),
         "shadow_of_parts": request.shadow_of_parts,
-        "parts": [_described_lit_part(each) for each in request.parts],
+        "parts": [_described(fields_of(each)) for each in request.parts],
     }
     lighting = request.lighting
     found.update({each.name: getattr(lighting, each.name) for each in fields(lighting)})
     found["captured_sky"] = _described(lighting.captured_sky)
     found["captured_light"] = _described_capture(request)
-    found["placed"] = [_described_lamp(each) for each in asked_lamps(lighting.placed)]
-    found["inserted"] = [_described_insert(each) for each in asked_inserts(request.inserted)]
+    found["placed"] = [{**_described(each), "name": in_brief(each.shape)} for each in asked_lamps(lighting.placed)]
+    found["inserted"] = _described(asked_inserts(request.inserted))
     if not isinstance(found["effects"], str):
         found["effects"] = sorted(found["effects"])
     formats = set(request.formats or ())
@@ -94,17 +92,8 @@ def settings_of(request: "RelightRequest", env: "AnyLight", angle_deg: float) ->
         found["color_space"] = request.color_space
         found["cameras"] = None if request.cameras is None else os.fspath(request.cameras)
     if formats & {"live", "web"}:
-        found["lights"] = [_described(each) for each in request.lights]
+        found["lights"] = _described(request.lights)
     return dict(json.loads(text_of(found)))  # as a reader of the report finds it
-
-
-def _described_lamp(lamp: "AskedLamp") -> dict[str, Any]:
-    """The request for a lamp; large arrays by their content."""
-    shape = {each.name: getattr(lamp.shape, each.name) for each in fields(lamp.shape)}
-    plain = {name: _digest([value]) if isinstance(value, np.ndarray) else value for name, value in shape.items()}
-    bright = lamp.brightness
-    described = {"name": in_brief(lamp.shape), "color": lamp.color, "brightness": [bright.value, bright.unit]}
-    return {**described, "shape": plain}
 
 
 def _described_capture(request: "RelightRequest") -> Any:
@@ -115,30 +104,6 @@ def _described_capture(request: "RelightRequest") -> Any:
         return _described(choice)
     found = light_file(choice, scene if isinstance(scene, (str, os.PathLike)) else getattr(scene, "path", None))
     return None if found is None else {**_described(found[0]), "name": found[1]}
-
-
-def _described_part(given: Any) -> Any:
-    """A part of the capture: an array or a file by its content, else its words."""
-    if isinstance(given, np.ndarray) or os.path.isfile(given):
-        return _described(given)
-    return {"name": str(given)}
-
-
-def _described_lit_part(given: Any) -> dict[str, Any]:
-    """A part in a light of its own."""
-    words = fields_of(given)
-    part, env = _described_part(words.pop("part")), words.pop("env", None)
-    light = {"env": _described(env), **{name: str(words[name]) for name in sorted(words)}}
-    named = [f"{name}={_shown(each)}" for name, each in light.items() if each is not None]
-    return {**light, "part": part, "name": " ".join([str(part["name"]), *named])}
-
-
-def _described_insert(asked: "AskedInsert") -> dict[str, Any]:
-    """An inserted object and its place; its file by its content."""
-    source = asked.source
-    if isinstance(source, (str, os.PathLike)):
-        return {**described(asked), "file": _described_scene(source)}
-    return {**described(asked), "file": _digest([source.vertices, source.normals, source.faces, source.colors_srgb])}
 
 
 def is_results(folder: str | os.PathLike[str]) -> bool:
@@ -243,18 +208,25 @@ def _shown(value: Any) -> str:
 
 
 def _described(source: Any) -> Any:
-    """An Environment, array, file or name as JSON: its name, and the digest of its content."""
-    if source is None:
-        return None
+    """Anything requested as JSON: what has content by its name and the digest of that, all else by its parts."""
+    if source is None or isinstance(source, (bool, int, float)):
+        return source
     if isinstance(source, np.ndarray):
         return {"name": "array", "sha256": _digest([source])}
-    if isinstance(source, DaylightRequest):
-        return {"name": source.name, "sky": [str(getattr(source, each.name)) for each in fields(source)]}
-    if hasattr(source, "radiance"):
+    if isinstance(source, Environment):
         return {"name": source.name, "sha256": _digest([source.radiance])}
-    path = Path(source)
-    if path.is_file():
-        return {"name": path.name, "sha256": _file_digest(path)}
+    if isinstance(source, Mapping):
+        parts = {str(name): _described(each) for name, each in source.items()}
+        return {"name": " ".join(_shown(each) for each in parts.values()), **parts}
+    if isinstance(source, (list, tuple)):
+        return [_described(each) for each in source]
+    if is_dataclass(source):
+        return {
+            "name": getattr(source, "name", ""),
+            **{each.name: _described(getattr(source, each.name)) for each in fields(source)},
+        }
+    if isinstance(source, (str, os.PathLike)) and (os.path.isfile(source) or (Path(source) / _SCENE).is_file()):
+        return {"name": Path(source).name, **_described_scene(source)}
     return {"name": str(source).lower()}
 
 

@@ -1,18 +1,18 @@
 """Lamps from the frame of a splat, in which they are given, to the frame of its scene."""
 
 import math
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from splat2mesh.base.arrays import Triple
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.specs import vector
 from splat2mesh.views.poses import SLACK
 
-from .shapes import Lamp, MeshLamp, ProfileLamp, RectangleLamp, SphereLamp, SpotLamp, TubeLamp
+from .shapes import PLACES, WAYS, Lamp, MeshLamp
 
 
 def moved(lamp: Lamp, matrix: ArrayLike) -> Lamp:
@@ -27,29 +27,19 @@ def moved(lamp: Lamp, matrix: ArrayLike) -> Lamp:
     if not (scale > 0.0 and np.abs(lengths / scale - 1.0).max() < SLACK):
         raise InputError("lamps cannot follow a motion that scales the axes differently")
 
-    def point(place: ArrayLike) -> Triple:
-        return vector("place", motion[:3, :3] @ np.asarray(place, np.float64) + motion[:3, 3])
-
-    def way(direction: ArrayLike) -> Triple:
-        return vector("direction", motion[:3, :3] @ np.asarray(direction, np.float64))
-
-    def light(intensity: Triple) -> Triple:
-        return vector("intensity", np.asarray(intensity) * scale**2)
-
-    if isinstance(lamp, SphereLamp):
-        intensity = None if lamp.intensity is None else light(lamp.intensity)
-        return replace(lamp, position=point(lamp.position), radius=lamp.radius * scale, intensity=intensity)
-    if isinstance(lamp, (SpotLamp, ProfileLamp)):
-        places: dict[str, Any] = {"position": point(lamp.position), "target": point(lamp.target)}
-        return replace(lamp, **places, intensity=light(lamp.intensity), radius=lamp.radius * scale)
-    if isinstance(lamp, RectangleLamp):
-        return replace(lamp, center=point(lamp.center), edge_u=way(lamp.edge_u), edge_v=way(lamp.edge_v))
-    if isinstance(lamp, TubeLamp):
-        return replace(lamp, start=point(lamp.start), end=point(lamp.end), radius=lamp.radius * scale)
-    assert isinstance(lamp, MeshLamp)
-    vertices: NDArray[np.float64] = lamp.vertices @ motion[:3, :3].T + motion[:3, 3]
-    flipped = math.copysign(1.0, float(np.linalg.det(motion[:3, :3]))) < 0.0
-    return replace(lamp, vertices=vertices, faces=lamp.faces[:, ::-1] if flipped else lamp.faces)
+    changes: dict[str, Any] = {}
+    for name, value in ((each.name, getattr(lamp, each.name)) for each in fields(lamp)):
+        if name in PLACES + WAYS:
+            changes[name] = motion[:3, :3] @ np.asarray(value) + (motion[:3, 3] if name in PLACES else 0.0)
+        elif name == "radius":
+            changes[name] = scale * value
+        elif name == "intensity" and value is not None:
+            changes[name] = scale**2 * np.asarray(value)
+    if isinstance(lamp, MeshLamp):
+        changes["vertices"] = lamp.vertices @ motion[:3, :3].T + motion[:3, 3]
+        if math.copysign(1.0, float(np.linalg.det(motion[:3, :3]))) < 0.0:
+            changes["faces"] = lamp.faces[:, ::-1]
+    return replace(lamp, **changes)
 
 
 def shifted(lamp: Lamp, by: Triple) -> Lamp:

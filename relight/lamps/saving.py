@@ -3,6 +3,7 @@
 import json
 import os
 from collections.abc import Sequence
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from splat2mesh.base.outputs import staged_file
 from .asked import BULB_M, TUBE_M, AskedLamp, Brightness, LampScale, resolve
 from .color import NAMES, TEMPERATURES, parse_color
 from .photometry import times
-from .shapes import MeshLamp, ProfileLamp, RectangleLamp, SphereLamp, SpotLamp, TubeLamp
+from .shapes import MeshLamp, TubeLamp
 
 _SUFFIXES = {"EV": "EV", "lumen": "lm", "candela": "cd"}
 
@@ -41,45 +42,29 @@ def write_lamps(
 def fields_of(asked: AskedLamp, scale: LampScale | None = None) -> dict[str, Any]:
     """Return the fields of a lamp in a file, `type` first. Raises InputError as `write_lamps` does."""
     shape, brightness = asked.shape, asked.brightness
-    fields: dict[str, Any] = {"type": type(shape).__name__.removesuffix("Lamp").lower()}
-    match shape:
-        case SphereLamp():
-            fields["position"] = list(shape.position)
-            if not (asked.radius_in_metres and shape.radius == BULB_M):
-                fields["radius"] = _radius(asked, scale)
-        case SpotLamp():
-            fields |= {"position": list(shape.position), "target": list(shape.target)}
-            fields |= {"cutoff_deg": shape.cutoff_deg, "beam_deg": shape.beam_deg, "radius": shape.radius}
-        case RectangleLamp():
-            fields |= {name: list(getattr(shape, name)) for name in ("center", "edge_u", "edge_v")}
-            fields["two_sided"] = shape.two_sided
-        case TubeLamp():
-            fields |= {"start": list(shape.start), "end": list(shape.end)}
-            if not (asked.radius_in_metres and shape.radius == TUBE_M):
-                fields["radius"] = _radius(asked, scale)
-        case MeshLamp():
-            fields |= {"vertices": shape.vertices.tolist(), "faces": shape.faces.tolist()}
-            fields["two_sided"] = shape.two_sided
-            if shape.radiance.ndim == 2 and brightness.unit != "picture":  # of which a file has no other unit
-                shape = resolve(asked, _needed(scale))
-                asked = AskedLamp(shape, Brightness(1.0, "picture"), name=asked.name)
-                brightness = asked.brightness
-        case ProfileLamp():
-            fields |= {"position": list(shape.position), "target": list(shape.target)}
-            fields |= {"turn_deg": shape.turn_deg, "radius": shape.radius}
-            fields |= {name: getattr(shape, name).tolist() for name in ("vertical_deg", "horizontal_deg", "table")}
+    if isinstance(shape, MeshLamp) and shape.radiance.ndim == 2 and brightness.unit != "picture":
+        asked = AskedLamp(resolve(asked, _needed(scale)), Brightness(1.0, "picture"), name=asked.name)
+        shape, brightness = asked.shape, asked.brightness  # of which a file has no other unit
+    written: dict[str, Any] = {"type": type(shape).__name__.removesuffix("Lamp").lower()}
+    for each in fields(shape):
+        value = getattr(shape, each.name)
+        if each.name == "radius":
+            unsized = asked.radius_in_metres and value == (TUBE_M if isinstance(shape, TubeLamp) else BULB_M)
+            written |= {} if unsized else {"radius": _radius(asked, scale)}
+        elif each.name not in ("radiance", "intensity"):
+            written[each.name] = value.tolist() if isinstance(value, np.ndarray) else value
     colored = times(shape, np.asarray(asked.color))
     name = "intensity" if getattr(colored, "radiance", None) is None else "radiance"
     light: NDArray[np.float64] = np.asarray(getattr(colored, name))
     if brightness.unit == "picture":
-        fields[name] = (light * brightness.value).tolist()
+        written[name] = (light * brightness.value).tolist()
     else:
         if light.any():
-            fields["color"] = color_text(light)
-        fields["brightness"] = f"{brightness.value!r}{_SUFFIXES[brightness.unit]}"
+            written["color"] = color_text(light)
+        written["brightness"] = f"{brightness.value!r}{_SUFFIXES[brightness.unit]}"
     if asked.name:
-        fields["name"] = asked.name
-    return fields
+        written["name"] = asked.name
+    return written
 
 
 def color_text(light: ArrayLike) -> str | list[float]:

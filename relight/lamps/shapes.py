@@ -6,7 +6,7 @@ shows as white, as the capture was exposed. Imports nothing heavy.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -19,8 +19,24 @@ from splat2mesh.base.specs import vector
 from ..light import MOST_RADIANCE
 
 
+class _Shape:
+    """Brings the fields of a lamp into form, by their names."""
+
+    def __post_init__(self) -> None:
+        for each in fields(self):  # type: ignore[arg-type]
+            value = getattr(self, each.name)
+            if each.name in PLACES + WAYS:
+                _keep(self, each.name, vector(each.name, value))
+            elif each.name == "radius":
+                _keep(self, each.name, checked_size(each.name, value, least=0.0))
+            elif each.name in ("radiance", "intensity") and value is not None:
+                _keep(self, each.name, checked_light(each.name, value))
+        if hasattr(self, "target") and self.position == self.target:  # type: ignore[attr-defined]
+            raise InputError("`target`: it lies at the position of its lamp, so the light has no direction")
+
+
 @dataclass(frozen=True)
-class SphereLamp:
+class SphereLamp(_Shape):
     """A ball that glows evenly: a bulb, a lantern.
 
     position (3,): its centre. radius: 0 for a point, which has an intensity but no size.
@@ -34,20 +50,15 @@ class SphereLamp:
     intensity: Triple | None = None
 
     def __post_init__(self) -> None:
-        _keep(self, "position", vector("position", self.position))
-        _keep(self, "radius", checked_size("radius", self.radius, least=0.0))
+        super().__post_init__()
         if (self.radiance is None) == (self.intensity is None):
             raise InputError("`radiance`: a sphere has either a radiance or an intensity")
-        if self.radiance is None:
-            _keep(self, "intensity", checked_light("intensity", self.intensity))
-        else:
-            _keep(self, "radiance", checked_light("radiance", self.radiance))
-            if self.radius == 0.0:
-                raise InputError("`radius` 0: a point has no radiance; give its intensity")
+        if self.radiance is not None and self.radius == 0.0:
+            raise InputError("`radius` 0: a point has no radiance; give its intensity")
 
 
 @dataclass(frozen=True)
-class SpotLamp:
+class SpotLamp(_Shape):
     """A point that sends light into a cone.
 
     position, target (3,): where it is, and what its axis points at. intensity (3,): radiance x length^2 on the axis.
@@ -63,12 +74,7 @@ class SpotLamp:
     radius: float = 0.0
 
     def __post_init__(self) -> None:
-        _keep(self, "position", vector("position", self.position))
-        _keep(self, "target", vector("target", self.target))
-        _keep(self, "intensity", checked_light("intensity", self.intensity))
-        _keep(self, "radius", checked_size("radius", self.radius, least=0.0))
-        if self.position == self.target:
-            raise InputError("`target`: it lies at the position of its lamp, so the light has no direction")
+        super().__post_init__()
         cutoff = checked_size("cutoff_deg", self.cutoff_deg)
         if cutoff > 180.0:
             raise InputError(f"`cutoff_deg` {cutoff:g}: expected a half angle up to 180")
@@ -80,7 +86,7 @@ class SpotLamp:
 
 
 @dataclass(frozen=True)
-class RectangleLamp:
+class RectangleLamp(_Shape):
     """A flat panel, such as a ceiling light or a screen.
 
     center (3,). edge_u, edge_v (3,): its whole sides, at right angles or not. radiance (3,): the same in all directions
@@ -94,15 +100,13 @@ class RectangleLamp:
     two_sided: bool = False
 
     def __post_init__(self) -> None:
-        for name in ("center", "edge_u", "edge_v"):
-            _keep(self, name, vector(name, getattr(self, name)))
-        _keep(self, "radiance", checked_light("radiance", self.radiance))
+        super().__post_init__()
         if not np.linalg.norm(np.cross(self.edge_u, self.edge_v)) > 0.0:
             raise InputError("`edge_u`, `edge_v`: the sides span no rectangle")
 
 
 @dataclass(frozen=True)
-class TubeLamp:
+class TubeLamp(_Shape):
     """A cylinder that glows along its side, such as a fluorescent tube. Its ends are dark.
 
     start, end (3,): of its axis. radius. radiance (3,): the same from everywhere.
@@ -114,10 +118,8 @@ class TubeLamp:
     radiance: Triple
 
     def __post_init__(self) -> None:
-        _keep(self, "start", vector("start", self.start))
-        _keep(self, "end", vector("end", self.end))
-        _keep(self, "radius", checked_size("radius", self.radius))
-        _keep(self, "radiance", checked_light("radiance", self.radiance))
+        super().__post_init__()
+        checked_size("radius", self.radius)
         if self.start == self.end:
             raise InputError("`end`: the tube has no length")
 
@@ -154,7 +156,7 @@ class MeshLamp:
 
 
 @dataclass(frozen=True, eq=False)
-class ProfileLamp:
+class ProfileLamp(_Shape):
     """A point with a measured distribution of light (IES).
 
     position, target (3,): where it is, and what the vertical angle 0 of its table points at. intensity (3,): radiance x
@@ -173,12 +175,7 @@ class ProfileLamp:
     radius: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("position", "target"):
-            _keep(self, name, vector(name, getattr(self, name)))
-        if self.position == self.target:
-            raise InputError("`target`: it lies at the position of its lamp, so the light has no direction")
-        _keep(self, "intensity", checked_light("intensity", self.intensity))
-        _keep(self, "radius", checked_size("radius", self.radius, least=0.0))
+        super().__post_init__()
         vertical, horizontal = np.asarray(self.vertical_deg, float), np.asarray(self.horizontal_deg, float)
         table = np.asarray(self.table, float)
         if table.shape != (len(vertical), len(horizontal)) or not (np.isfinite(table).all() and (table >= 0).all()):
@@ -188,6 +185,9 @@ class ProfileLamp:
         for name, value in (("vertical_deg", vertical), ("horizontal_deg", horizontal), ("table", table)):
             _keep(self, name, value)
 
+
+PLACES, WAYS = ("position", "target", "center", "start", "end"), ("edge_u", "edge_v")
+"""Fields of lamps that are positions, and those that lead from one to another."""
 
 Lamp: TypeAlias = SphereLamp | SpotLamp | RectangleLamp | TubeLamp | MeshLamp | ProfileLamp
 

@@ -53,15 +53,6 @@ def seen(name: str, directions: Directions) -> NDArray[np.float32]:
     return (result / sky.mean).astype(np.float32)
 
 
-def sun_of(name: str) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-    """Return the unit direction (3,) toward the sun of a built-in sky, canonical frame, and its linear colour (3,);
-    None for a sky without one."""
-    if name not in _SUNS:
-        return None
-    angles, color, _ = _SUNS[name]
-    return _direction(*angles), np.array(color)
-
-
 def _studio_light(directions: Directions) -> NDArray[np.float64]:
     """A photographer's studio: key from the upper front left, soft fill, rim from behind, grey surroundings."""
     height = directions[..., 1:2]

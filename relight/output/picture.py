@@ -16,9 +16,9 @@ from splat2mesh.views.standpoints import NEAR_DIAGONAL
 
 from ..insert.probe_grid import usual_box
 from ..light.tonemap import compress_highlights
-from .backdrop import behind, is_even
+from .backdrop import behind
 from .catcher import Catcher, GroundLight
-from .inset import SAMPLES, add_inset
+from .inset import add_inset
 from .kinds import PICTURE_SIZE
 from .mesh_files import check_radiance
 from .preview import Preview
@@ -59,7 +59,6 @@ class RelitPicture:
         self._drawn, self._surfaces = Drawn(scene), Drawn.surfaces(scene)
         self._previews: dict[bool, Preview] = {}
         self._catcher: Catcher | None = None
-        self._pixel = 1.0 / self.view.fx
 
     def of_splats(
         self, splats: Splats, environment: "Environment | None", exposure: float, inset: bool = True
@@ -133,32 +132,23 @@ class RelitPicture:
         shadows = self._ground_under(environment)
         rows, columns = np.nonzero(wanted)
 
-        def draw(rows: NDArray, columns: NDArray, samples: int) -> None:
-            directions = self._toward(rows, columns, samples)
+        def work(part: slice) -> None:
+            directions = self._toward(rows[part], columns[part])
             shown = behind(environment, directions, exposure)
             if shadows is not None:
                 shown *= shadows.share_seen(self.view.center, directions)
-            mean = compress_highlights(shown).reshape(-1, samples**2, 3).mean(axis=1)
-            image[rows, columns] = srgb_from_linear(mean)
-
-        def work(part: slice) -> None:
-            across, down = rows[part], columns[part]
-            even = is_even(environment, self._toward(across, down, 1), self._pixel)
-            draw(across[even], down[even], 1)
-            draw(across[~even], down[~even], SAMPLES)
+            image[rows[part], columns[part]] = srgb_from_linear(compress_highlights(shown))
 
         if len(rows):
             work(slice(1))  # what is found once, by one thread
             in_batches(work, len(rows))
         return image
 
-    def _toward(self, rows: NDArray, columns: NDArray, samples: int) -> NDArray[np.float32]:
-        """Unit directions (N * samples^2, 3) float32 through N pixels, so many along a side of each."""
+    def _toward(self, rows: NDArray, columns: NDArray) -> NDArray[np.float32]:
+        """Unit directions (N, 3) float32 through the middles of N pixels."""
         view = self.view
-        within = (np.arange(samples) + 0.5) / samples
-        x = np.broadcast_to(columns[:, None, None] + within, (len(rows), samples, samples))
-        y = np.broadcast_to(rows[:, None, None] + within[:, None], x.shape)
-        seen = np.stack([(x - view.cx) / view.fx, (y - view.cy) / view.fy, np.ones_like(x)], axis=-1).reshape(-1, 3)
+        x, y = (columns + 0.5 - view.cx) / view.fx, (rows + 0.5 - view.cy) / view.fy
+        seen = np.stack([x, y, np.ones_like(x)], axis=-1)
         seen /= np.linalg.norm(seen, axis=1, keepdims=True)
         return (seen @ view.camera_from_world[:3, :3]).astype(np.float32)
 
@@ -166,7 +156,7 @@ class RelitPicture:
         """(H, W) bool, which of some pixels look through the floor between the walls of a room."""
         low, high = usual_box(self._scene)
         rows, columns = np.nonzero(wanted)
-        directions, eye = self._toward(rows, columns, 1), self.view.center
+        directions, eye = self._toward(rows, columns), self.view.center
         down = np.maximum(-directions[:, 1], 1e-6)
         met = eye + directions * np.maximum((eye[1] - low[1]) / down, 0.0)[:, None]
         through = np.zeros(wanted.shape, bool)

@@ -91,7 +91,7 @@ class RelitSource:
         written, splats = self._written, self._written.source
         assert splats is not None  # not called otherwise
         mirror = written.mirror()
-        return far_splats(splats, written.scene, written.appearance, mirror, self._cache, written.asked.sky)
+        return far_splats(splats, written.scene, written.appearance, mirror, written.asked.sky)
 
     def of_frame(
         self, splats: Splats, path: Path, binding: Binding | None = None, look: "Appearance | None" = None

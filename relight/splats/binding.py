@@ -24,7 +24,7 @@ from .attachment import Places, Surface
 from .carried import CarriedMesh, MovedMesh
 from .floor_mirror import FloorMirror
 from .light_ratio import CURVE_POWER, LEAST, Usual, log_gain, relit_sh, without_clipping
-from .looks import Looks
+from .looks import EYES, Looks
 from .mirrored_places import LEAST_SHARE, MirroredPlaces, Mix, by_color
 from .sketch import Sketch
 from .wide import Neighborhoods
@@ -38,9 +38,6 @@ LEAST_USE = 0.01
 
 ROUNDS = 2
 """Rounds of the fit. One gains 0.3 dB on an object and 0.5 to 0.9 on a tabletop, the second less than 0.1."""
-
-EYES = 8
-"""Of a place: the places to stand from which the fit looks all around, six views from each."""
 
 
 class Binding:

@@ -56,12 +56,6 @@ class Blending(NamedTuple):
             raise InputError(f"kept pictures show others than {count} splats")
         return self
 
-    def joined(self, other: "Blending") -> "Blending":
-        """The views of this one and, after them, those of another one of the same Gaussians."""
-        starts = (np.append(a, a[-1] + b[1:]) for a, b in zip(self[:3], other[:3], strict=True))
-        lists = (np.concatenate([getattr(self, name), getattr(other, name)]) for name in Blending._fields[3:])
-        return Blending(*starts, *lists)
-
     def of_view(self, number: int) -> "Blending":
         """The Blending of one view alone, without a copy of what is large."""
         first, last = self.tiles[number : number + 2]
@@ -85,12 +79,12 @@ class Blending(NamedTuple):
         return picture
 
     def spread(self, values: NDArray[np.float32], sums: NDArray[np.float32]) -> None:
-        """Add to each Gaussian, sums (N, C), its shares of the pixels' values (P, C), float32 both."""
+        """Add to each Gaussian, sums (N, 3), its shares of the pixels' values (P, 3), float32 both."""
         for first, last in zip(self.tiles[:-1], self.tiles[1:], strict=True):
             begin, end = self.runs[first], self.runs[last]
-            seen = np.zeros((end - begin, values.shape[1]), np.float32)
+            seen = np.zeros((end - begin, 3), np.float32)
             lists = self.runs, self.items, self.counts, self.pixels, self.shares
-            (_gather_rgb if values.shape[1] == 3 else _gather)(last - first, first, *lists, values, seen)
+            _gather(last - first, first, *lists, values, seen)
             _add_to(self.splats[begin:end], seen, sums)
 
 
@@ -164,37 +158,7 @@ def _gather(
     values: NDArray[np.float32],
     seen: NDArray[np.float32],
 ) -> None:
-    """The picture of each run of a view's tiles, (R, C); first is the view's first tile."""
-    width = values.shape[1]
-    for tile in range(first + begin, first + end):
-        at, base = items[tile], tile * AREA
-        total = np.zeros(width, np.float32)
-        for run in range(runs[tile], runs[tile + 1]):
-            total[:] = ZERO
-            for i in range(at, at + counts[run]):
-                share = SHARES[shares[i]]
-                for c in range(width):
-                    total[c] += share * values[base + pixels[i], c]
-            for c in range(width):
-                seen[run - runs[first], c] = total[c]
-            at += counts[run]
-
-
-@shared
-@kernel
-def _gather_rgb(
-    begin: int,
-    end: int,
-    first: int,
-    runs: NDArray[np.int64],
-    items: NDArray[np.int64],
-    counts: NDArray[np.uint16],
-    pixels: NDArray[np.uint8],
-    shares: NDArray[np.uint8],
-    values: NDArray[np.float32],
-    seen: NDArray[np.float32],
-) -> None:
-    """The same of values (P, 3)."""
+    """The picture of each run of a view's tiles, (R, 3); first is the view's first tile."""
     for tile in range(first + begin, first + end):
         at, base = items[tile], tile * AREA
         for run in range(runs[tile], runs[tile + 1]):
@@ -211,7 +175,7 @@ def _gather_rgb(
 
 @kernel
 def _add_to(splats: NDArray[np.int32], seen: NDArray[np.float32], sums: NDArray[np.float32]) -> None:
-    """Add what runs have seen, (R, C), to the sums (N, C) of their Gaussians (R,)."""
+    """Add what runs have seen, (R, 3), to the sums (N, 3) of their Gaussians (R,)."""
     for run in range(len(splats)):
-        for c in range(sums.shape[1]):
+        for c in range(3):
             sums[splats[run], c] += seen[run, c]

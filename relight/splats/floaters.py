@@ -85,7 +85,7 @@ def floaters(splats: Splats, scene: Scene) -> Indices:
     """
     possible = sound(splats) & (splats.opacities >= INVISIBLE_OPACITY)
     possible[scene.background_splats] = False
-    possible[sky_rows(splats, scene.background_splats, scene.scene_from_splat, scene.vertices)] = False
+    possible[sky_rows(splats, scene.background_splats, scene.scene_from_splat)] = False
     rows = np.flatnonzero(possible)
     if not len(rows) or not len(scene.faces):
         return rows[:0]

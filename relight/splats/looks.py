@@ -28,7 +28,10 @@ OBJECT_DISTANCE = 0.5
 that within a place nothing bleeds over jumps of depth."""
 
 MIN_ALPHA = 0.5
-"""Least opacity of a pixel in the fit."""
+"""Least opacity of a pixel that shows anything."""
+
+EYES = 8
+"""Of a place: the places to stand from which looks go all around, six views from each."""
 
 CAUTION = 0.5
 """Pixels added to those that a Gaussian's correction is a mean of: who is hardly seen is hardly corrected."""
@@ -98,13 +101,6 @@ class Looks(NamedTuple):
         """These pictures, of which some of the known pixels, (K,) bool, are known."""
         return self._replace(known=self.known[kept], corners=self.corners[kept], uv=self.uv[kept])
 
-    def joined(self, other: "Looks") -> "Looks":
-        """These pictures and, after them, others of the same Gaussians and the same mesh."""
-        before = AREA * (len(self.blending.runs) - 1)
-        rest = (np.concatenate([getattr(self, name), getattr(other, name)]) for name in ("corners", "uv", "eyes"))
-        known = np.concatenate([self.known, other.known + before])
-        return Looks(self.blending.joined(other.blending), known, *rest)
-
     def of_view(self, number: int) -> "Looks":
         """The picture of one view alone, without a copy."""
         first, last = np.searchsorted(self.known, AREA * self.blending.tiles[number : number + 2])
@@ -134,17 +130,17 @@ class Looks(NamedTuple):
 
         in_batches(gain, len(wanted))
         wanted *= self.blending.drawn(shown + np.float32(CURVE_OFFSET))[self.known]
-        seen, moved = self._spread(np.ones((len(wanted), 1), np.float32), len(relit)), np.zeros_like(relit)
+        seen, moved = self._spread(np.ones_like(wanted), len(relit)), np.zeros_like(relit)
         for _ in range(rounds):
             lacking = wanted - self.blending.drawn(_shown_colors(relit + moved) - shown)[self.known]
             moved += self._spread(lacking, len(relit)) / (seen + CAUTION) / SH_C0
         return moved
 
     def _spread(self, values: NDArray[np.float32], count: int) -> NDArray[np.float32]:
-        """The sums (N, C) of the shares that Gaussians have of values (Q, C) of the known pixels."""
-        pixels = np.zeros((AREA * (len(self.blending.runs) - 1), values.shape[1]), np.float32)
+        """The sums (N, 3) of the shares that Gaussians have of values (Q, 3) of the known pixels."""
+        pixels = np.zeros((AREA * (len(self.blending.runs) - 1), 3), np.float32)
         pixels[self.known] = values
-        sums = np.zeros((count, values.shape[1]), np.float32)
+        sums = np.zeros((count, 3), np.float32)
         self.blending.spread(pixels, sums)
         return sums
 

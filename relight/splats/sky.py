@@ -5,15 +5,14 @@ seen from the middle of the scene, and no longer depends on the view. Lawns, hed
 they are no sky, and take the change of light of the mesh's edge.
 """
 
-from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from splat2mesh.base.arrays import Floats, Indices, Mask, Points, Vector
+from splat2mesh.base.arrays import Indices, Mask, Points, Vector
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.quantiles import weighted_quantile
 from splat2mesh.scene.color import linear_from_srgb, luminance
@@ -24,8 +23,6 @@ from ..albedo.seen import standing
 from ..light import SKIES
 from ..light.captured import CapturedLight
 from ..light.tonemap import tone_map
-from ..transfer.store import Cache, array_key
-from .attachment import FAR
 from .hanging_sky import VOTES, FromMiddle, hanging_sky
 from .light_ratio import CURVE_POWER, LEAST, MOST, relit_sh
 
@@ -34,22 +31,11 @@ if TYPE_CHECKING:
     from ..light.environment import Environment
     from .floor_mirror import FloorMirror
 
-BELOW, HIGH = np.sin(np.radians((-3.0, 8.0)))
-"""Sine of the elevation below which nothing is sky, and above which far splats show mostly sky: its brightness is read
-there. These numbers and those below were chosen by eye on a trained garden and three generated places."""
-
-DARK, LEVEL = 0.12, 0.75
-"""Part of the sky's luminance below which a far splat is a surface whatever its hue, and the quantile of the high
-splats that gives that luminance: surfaces reflect a part of the light of the sky, and clouds are darker than it, but
-not by so much."""
-
-GREEN, GREEN_PART, WARM, WARM_PART = 0.06, 0.8, 0.12, 0.6
-"""Excess of green over red and blue, and of red over blue, in sRGB, of leaves and of bricks, and parts of the sky's
-luminance below which they are that, and not a sky at evening."""
-
-NEAR_PART = 0.4
-"""Share of the sky's usual distance below which a splat is a surface. A sky has no parallax, so training puts it
-far."""
+HUE, DIM, DARK = 0.15, 0.8, 0.12
+"""Excess of red or green over blue, of the largest of the three in sRGB, and part of the sky's luminance below which a
+splat of such a hue is of leaves, soil or bricks, and no sky at evening; and that below which it is a surface whatever
+its hue. They follow from two gardens, of one of which true geometry tells what is sky, and eighteen photographed
+lights."""
 
 ROUGH = 0.21
 """Spread of brightness, in sRGB, among that many neighbours in direction, above which half of what looks like sky is
@@ -58,55 +44,27 @@ skies have up to .16."""
 
 
 def shown_as_sky(
-    splats: Splats,
-    scene: Scene,
-    appearance: "Appearance",
-    mirror: "FloorMirror | None" = None,
-    cache: Cache | None = None,  # of the scene
+    splats: Splats, scene: Scene, appearance: "Appearance", mirror: "FloorMirror | None" = None
 ) -> Indices:
     """Rows (M,) of these Splats of a Scene that show the sky: of the far background, and of what hangs in the air
     before it, also near surfaces where it is known from where the capture looked. In the windows of a closed room, and
     where all stays as captured, all of the background. What lies below a floor that mirrors shows the room."""
     rows = scene.background_splats
-    indoors = appearance.room is not None or appearance.as_captured
-    if not indoors and len(rows):
-        rows = _kept_rows(splats, rows, scene, Cache() if cache is None else cache)
+    if appearance.room is None and not appearance.as_captured and len(rows):
+        rows = sky_rows(splats, rows, scene.scene_from_splat, standing(scene))
     return rows if mirror is None else mirror.spared(rows)
-
-
-def _kept_rows(splats: Splats, rows: Indices, scene: Scene, cache: Cache) -> Indices:
-    """`sky_rows` of a Scene, from its Cache where they are known."""
-    shown = splats.means, splats.scales, splats.opacities, splats.sh[:, 0]
-    eyes = standing(scene)
-    key = array_key(*shown, rows, np.asarray(scene.scene_from_splat, np.float64), eyes)
-
-    def restored(kept: Mapping[str, NDArray[Any]]) -> Indices:
-        found = kept["rows"]
-        if found.dtype != rows.dtype or found.ndim != 1:
-            raise InputError("kept rows of the sky are of another kind")
-        if len(found) and not 0 <= found.min() <= found.max() < len(splats):
-            raise InputError("kept rows of the sky are of other splats")
-        return found
-
-    found = cache.restored(restored, "sky", key)
-    if found is None:
-        found = sky_rows(splats, rows, scene.scene_from_splat, scene.vertices, eyes)
-        cache.put("sky", key, rows=found)
-    return found
 
 
 def sky_rows(
     splats: Splats,  # Splats as captured, every row of the source
     rows: Indices,  # (M,) which of them are far background
     scene_from_splat: ArrayLike,  # (4, 4)
-    vertices: Points | None = None,  # (V, 3) of the mesh, scene frame
     eyes: Points | None = None,  # (E, 3) where the capture stood, scene frame
 ) -> Indices:
     """Which of the far background is sky and not a surface far away: (K,) of its rows, in their order.
 
-    Where the mesh is given, rows of other splats follow: those that look like sky, are about as far away, and lie
-    nowhere near the mesh. Training leaves some of a sky nearer than the rest. Where there are eyes, those follow that
-    hang before it at any distance. There are none where most of the background is rough, as facades are.
+    Where there are eyes, other rows follow that look like sky and hang before it at any distance. There are none where
+    most of the background is rough, as facades are.
     """
     some = splats.take(rows)
     others = np.delete(np.arange(len(splats)), rows)
@@ -119,43 +77,30 @@ def sky_rows(
     if _roughness(some, shown, backdrop) > ROUGH:
         return rows[:0]
     sky = rows[shown]
-    if vertices is None or not len(vertices):
-        return sky
-    colored, distant = _sky_by_hue(splats, others, backdrop)
-    strays = others[colored & distant]
-    places = splats.means[strays] @ matrix[:3, :3].T + matrix[:3, 3]
-    reach = FAR * float(np.linalg.norm(np.ptp(vertices, axis=0)))
-    gap = scipy.spatial.cKDTree(vertices).query(places, distance_upper_bound=reach)[0]
-    found = np.concatenate([sky, strays[~np.isfinite(gap)]])
     if eyes is None or not len(eyes):
-        return found
+        return sky
     back = np.linalg.inv(matrix)
+    possible = np.flatnonzero(np.isfinite(splats.means).all(axis=1) & _like_sky(splats, backdrop))
+    possible = np.setdiff1d(possible, sky)
     seen_from = eyes @ back[:3, :3].T + back[:3, 3]
-    possible = np.concatenate([rows[_sky_by_hue(splats, rows, backdrop)[0]], others[colored]])
-    possible = np.setdiff1d(possible[np.isfinite(splats.means[possible]).all(axis=1)], found)
-    return np.concatenate([found, hanging_sky(splats, rows, found, possible, backdrop.middle, seen_from)])
+    return np.concatenate([sky, hanging_sky(splats, rows, sky, possible, backdrop.middle, seen_from)])
 
 
 class Backdrop(NamedTuple):
     """What identifies sky, in the frame of the splats. middle: (3,) of the scene. up: (3,). level: luminance of what is
-    high up. least: distance from the middle from which the sky begins, inf where there is none."""
+    above the horizon, in the mean over its light."""
 
     middle: Vector
     up: Vector
     level: float
-    least: float
 
 
 def backdrop_of(some: Splats, middle: Vector, up: Vector) -> Backdrop:
     """The Backdrop of far Splats, or of a sample of them. middle, up: of a Backdrop."""
-    off, distance, color, size = FromMiddle.of(some, middle)
-    height = _height(off, distance, up)
+    off, _, color, size = FromMiddle.of(some, middle)
     bright = luminance(linear_from_srgb(color))
-    high = height > min(HIGH, height.max() - 1e-9)
-    level = weighted_quantile(bright[high], size[high], LEVEL)
-    free = ~_surface(height, color, level)
-    least = NEAR_PART * weighted_quantile(distance[free], size[free], 0.5) if free.any() else np.inf
-    return Backdrop(np.asarray(middle), np.asarray(up), level, least)
+    light = np.where(off @ up > 0.0, bright * size, 0.0)
+    return Backdrop(np.asarray(middle), np.asarray(up), float(light @ bright / max(light.sum(), 1e-30)))
 
 
 def is_sky(some: Splats, backdrop: Backdrop) -> Mask:
@@ -177,27 +122,10 @@ def _roughness(some: Splats, shown: Mask, backdrop: Backdrop) -> float:
 
 def _like_sky(some: Splats, backdrop: Backdrop) -> Mask:
     """Which of Splats have the place and colour of sky, each by itself: (N,) bool."""
-    colored, distant = _sky_by_hue(some, np.arange(len(some)), backdrop)
-    return colored & distant
-
-
-def _sky_by_hue(splats: Splats, rows: Indices, backdrop: Backdrop) -> tuple[Mask, Mask]:
-    """Which rows (M,) have the elevation and colour of sky, and which are far enough: (M,) bool each."""
-    off, distance, color, _ = FromMiddle.of(splats.take(rows), backdrop.middle)
-    return ~_surface(_height(off, distance, backdrop.up), color, backdrop.level), distance >= backdrop.least
-
-
-def _height(off: Points, distance: Floats, up: Vector) -> Floats:
-    """Sines (N,) of the elevation of places (N, 3) so far away, (N,)."""
-    return off @ (up / np.linalg.norm(up)) / distance
-
-
-def _surface(height: Floats, color: Floats, level: float) -> Mask:
-    """(N,) bool: splats that are, by position and colour, no sky of such luminance."""
-    bright, (red, green, blue) = luminance(linear_from_srgb(color)), color.T
-    surface = (height < BELOW) | (bright < DARK * level)
-    surface |= (green - np.maximum(red, blue) > GREEN) & (bright < GREEN_PART * level)
-    return surface | ((red - blue > WARM) & (bright < WARM_PART * level))
+    off, _, color, _ = FromMiddle.of(some, backdrop.middle)
+    part = luminance(linear_from_srgb(color)) / max(backdrop.level, 1e-30)
+    earthy = color[:, :2].max(axis=1) - color[:, 2] > HUE * color.max(axis=1)
+    return np.asarray((off @ backdrop.up > 0.0) & (part >= np.where(earthy, DIM, DARK)))
 
 
 class FarSplats(NamedTuple):
@@ -246,12 +174,11 @@ def far_splats(
     scene: Scene,
     appearance: "Appearance",
     mirror: "FloorMirror | None" = None,
-    cache: Cache | None = None,  # of the scene
     choice: str = "new",
 ) -> FarSplats:
     """The FarSplats of these Splats of a Scene; what a floor mirrors is not among them."""
     far = scene.background_splats if mirror is None else mirror.spared(scene.background_splats)
-    rows = shown_as_sky(splats, scene, appearance, mirror, cache)
+    rows = shown_as_sky(splats, scene, appearance, mirror)
     return FarSplats(splats, rows, far, scene.scene_from_splat, choice)
 
 

@@ -10,7 +10,7 @@ import open3d as o3d
 
 from benchmarks.harness import growth, timed
 from relight.gloss.fits import observed
-from relight.gloss.views import GLANCE, outer_looks
+from relight.gloss.views import outer_looks
 from relight.splats import Binding, sketch
 from relight.splats import binding as binding_module
 from relight.splats.attachment import Places
@@ -63,7 +63,7 @@ def _measured(scene, splats, way):
     sketch.merged_count, binding_module.Places = count if way == "merged" else lambda *_: 1, placed
     try:
         binding, _, bound = timed(lambda: Binding(splats, scene))
-        looks, _, looked = timed(lambda: outer_looks(binding, scene, slice(GLANCE)))
+        looks, _, looked = timed(lambda: outer_looks(binding, scene))
         _, _, seen = timed(lambda: observed(binding, looks, np.eye(3), scene.colors_srgb / 255.0))
     finally:
         sketch.merged_count, binding_module.Places = count, Places

@@ -67,7 +67,7 @@ def smallest_three(quats):
 
 
 def open_air():
-    """Near splats, far lawn, hedge, blossoms and a white sky behind: Splats y up, far rows, those of the sky."""
+    """Near splats, far lawn, hedge, bricks and a white sky behind: Splats y up, far rows, those of the sky."""
     rng = np.random.default_rng(1)
 
     def ring(count, distance, low, high, color):
@@ -79,7 +79,7 @@ def open_air():
         (rng.uniform(-1, 1, (200, 3)), np.full((200, 3), 0.5)),
         ring(300, 20.0, -12, -4, [0.45, 0.6, 0.3]),
         ring(300, 30.0, -2, 6, [0.15, 0.25, 0.12]),
-        ring(100, 15.0, 4, 12, [0.9, 0.85, 0.9]),
+        ring(100, 15.0, 4, 12, [0.7, 0.5, 0.4]),
         ring(900, 90.0, 7, 60, [0.95, 0.97, 1.0]),
     ]
     means, colors = (np.concatenate(each) for each in zip(*parts, strict=True))

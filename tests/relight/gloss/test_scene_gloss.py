@@ -8,7 +8,6 @@ from relight.engine.relighter import Shaded, Shading
 from relight.gloss import SceneGloss
 from relight.gloss.ggx import fresnel_rise, zonal_factors
 from relight.gloss.scene_gloss import NewLight
-from relight.gloss.views import GLANCE, VIEWS, outer_looks
 from relight.light.environment import Environment
 from relight.options import LightingOptions
 from relight.sh import harmonics
@@ -140,21 +139,6 @@ def glazed():
 @pytest.fixture(scope="module")
 def matte():
     return Ball(0.0)
-
-
-@pytest.mark.slow
-def test_what_is_looked_at_first_is_part_of_all_pictures(glazed):
-    """And stands far apart: no two of the 16 within 20 degrees, where 40 views over half a sphere have neighbours at 20
-    to 25."""
-    whole = outer_looks(glazed.binding, glazed.scene)
-    first = outer_looks(glazed.binding, glazed.scene, slice(GLANCE))
-    joined = first.joined(outer_looks(glazed.binding, glazed.scene, slice(GLANCE, None)))
-    assert abs(len(whole.eyes) - VIEWS) < 3 and len(first.eyes) == GLANCE
-    arrays = joined.arrays(glazed.binding.surface)
-    for name, expected in whole.arrays(glazed.binding.surface).items():
-        np.testing.assert_array_equal(arrays[name], expected, err_msg=name)
-    away = first.eyes / np.linalg.norm(first.eyes, axis=1, keepdims=True)
-    assert (away @ away.T - 2 * np.eye(GLANCE)).max() < np.cos(np.radians(20.0))
 
 
 def test_reflectance_and_roughness_of_a_captured_ball_are_found(glazed):

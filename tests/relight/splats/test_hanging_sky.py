@@ -40,38 +40,34 @@ def roofed(turn):
     numbers = dict(zip(single, len(splats) + len(wall) + np.arange(len(single)), strict=True))
     together = joined([splats, wall, *single.values()])
     together.means[:] = together.means @ turn[:3, :3]
-    mesh = np.stack([np.full(z.size, 6.0), y.ravel(), z.ravel()], axis=1)
-    mesh = np.concatenate([mesh, [single["over the roof"].means[0], [-40.0, 0, 0]]])  # it was meshed too
-    return together, far, sky, numbers, mesh
+    return together, far, sky, numbers
 
 
 @pytest.mark.parametrize("turn", TURNS)
 def test_what_hangs_over_a_roof_is_sky_and_nothing_else_becomes_it(turn):
-    splats, far, _, numbers, mesh = roofed(turn)
-    before = sky_rows(splats, far, turn, mesh)
-    found = sky_rows(splats, far, turn, mesh, EYES)
+    splats, far, _, numbers = roofed(turn)
+    before = sky_rows(splats, far, turn)
+    found = sky_rows(splats, far, turn, EYES)
     np.testing.assert_array_equal(found[: len(before)], before)
     np.testing.assert_array_equal(found[len(before) :], [numbers["over the roof"]])
 
 
 def test_of_the_far_background_only_what_has_sky_behind_it():
-    splats, far, _, numbers, mesh = roofed(TURNS[0])
+    splats, far, _, numbers = roofed(TURNS[0])
     rows = np.append(far, [numbers["over the roof"], numbers["before the wall"], numbers["chimney"]])
-    before = sky_rows(splats, rows, TURNS[0], mesh)
-    found = sky_rows(splats, rows, TURNS[0], mesh, EYES)
+    before = sky_rows(splats, rows, TURNS[0])
+    found = sky_rows(splats, rows, TURNS[0], EYES)
     np.testing.assert_array_equal(found[len(before) :], [numbers["over the roof"]])
 
 
 def test_one_eye_alone_decides_nothing():
-    splats, far, _, _, mesh = roofed(TURNS[0])
+    splats, far, _, _ = roofed(TURNS[0])
     for eyes in (EYES[:0], EYES[:1]):
-        np.testing.assert_array_equal(
-            sky_rows(splats, far, TURNS[0], mesh, eyes), sky_rows(splats, far, TURNS[0], mesh)
-        )
+        np.testing.assert_array_equal(sky_rows(splats, far, TURNS[0], eyes), sky_rows(splats, far, TURNS[0]))
 
 
 def test_without_sky_or_candidates_there_is_none():
-    splats, far, sky, numbers, _ = roofed(TURNS[0])
+    splats, far, sky, numbers = roofed(TURNS[0])
     middle, none = np.zeros(3), np.zeros(0, np.int64)
     assert not len(hanging_sky(splats, far, none, np.array([numbers["over the roof"]]), middle, EYES))
     assert not len(hanging_sky(splats, far, sky, none, middle, EYES))
@@ -80,16 +76,16 @@ def test_without_sky_or_candidates_there_is_none():
 
 
 def test_damaged_splats_are_left_out():
-    splats, far, _, numbers, mesh = roofed(TURNS[0])
+    splats, far, _, numbers = roofed(TURNS[0])
     splats.means[numbers["chimney"]] = np.nan
     splats.means[far[5]] = np.inf
-    assert numbers["over the roof"] in sky_rows(splats, far, TURNS[0], mesh, EYES)
+    assert numbers["over the roof"] in sky_rows(splats, far, TURNS[0], EYES)
 
 
 def test_it_counts_in_places_that_know_where_they_were_captured_from():
-    splats, far, _, numbers, mesh = roofed(TURNS[0])
+    splats, far, _, numbers = roofed(TURNS[0])
     look = SimpleNamespace(room=None, as_captured=False)
     for place, expected in ((True, True), (False, False)):
-        scene = SimpleNamespace(background_splats=far, scene_from_splat=np.eye(4), vertices=mesh, is_place=place)
+        scene = SimpleNamespace(background_splats=far, scene_from_splat=np.eye(4), is_place=place)
         scene.capture = {"eyes": EYES.tolist()}
         assert (numbers["over the roof"] in shown_as_sky(splats, scene, look)) == expected
