@@ -38,7 +38,6 @@ BUILTIN = ("studio", "overcast", "noon", "sunset")
 
 WORDS: dict[str, Iterable[str]] = {
     "--env": (*BUILTIN, CAPTURED),
-    "--lights": BUILTIN,
     "--captured-sky": CAPTURED_SKIES,
     "--captured-light": (ANEW,),
     "--on": ("floor",),
@@ -261,8 +260,6 @@ def parser() -> argparse.ArgumentParser:
     add("--part", dest="parts", nargs="+", action="append", metavar="SPEC", help=lit)
     shadow = "with --only or --keep: what takes the new light also casts its shadow on the rest"
     add("--shadow-of-parts", action="store_true", help=shadow)
-    lights = "more lights for --format live and web, beside that of --env and the built-in ones"
-    add("--lights", nargs="+", metavar="FILE|NAME", help=lights)
     quick = "stop at the first look at a splat: preview.png and relit_splat.ply in seconds, without a mesh"
     add("--quick", action="store_true", help=quick)
     add("--overwrite", action="store_true", help="replace results of other settings")

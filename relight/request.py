@@ -105,8 +105,6 @@ class RelightRequest:
         what takes the new light also casts its shadow on the rest, and its captured shadow is taken away.
     parts : sequence of str or dict
         Parts in lights of their own, as of `splats.lit_part`: "part1 env=sunset exposure=1".
-    lights : sequence
-        More lights for the page and the bundle.
     probe_at : sequence of (3,)
         Positions of the probes, in the frame of the splat. Default: one at the position of the capture.
     probes : str
@@ -168,7 +166,6 @@ class RelightRequest:
     keep: Sequence[Any] = ()
     shadow_of_parts: bool = False
     parts: Sequence[Any] = ()
-    lights: Sequence[AnyLight] = ()
     probe_at: Sequence[Any] = ()
     probes: str = ""
     cameras: str | os.PathLike[str] | None = None
@@ -216,7 +213,7 @@ class RelightRequest:
         for name in ("inserted", "only", "keep", "parts"):
             value = getattr(self, name)
             self._set(name, tuple(value) if isinstance(value, (list, tuple)) else (value,))
-        for name in ("angles_deg", "baked", "lights", "probe_at"):
+        for name in ("angles_deg", "baked", "probe_at"):
             self._set(name, tuple(getattr(self, name)))
         if self.formats is not None:
             self._set("formats", tuple(self.formats))

@@ -79,7 +79,7 @@ def plan_mesh(
     """Return what `mesh_files` would do, as a JSON-clean dict; nothing is written. Arguments and errors as there."""
     asked = ConvertOptions.of(options, **changes)
     if tiling is not None or is_url(path):
-        from .tiles.outlook import outlook
+        from .tiles.city import outlook
 
         return outlook(path, asked, tiling, stages=stages)
     return (planned_layout if is_layout(path) else planned)(path, asked)

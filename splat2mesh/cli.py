@@ -239,7 +239,7 @@ def _city_lines(report: dict[str, Any], seconds: float) -> list[str]:
 
 def _plan_lines(found: dict[str, Any]) -> list[str]:
     if "tile_splats" in found:
-        from .tiles.outlook import lines_of
+        from .tiles.city import lines_of
 
         return lines_of(found)
     if "objects" not in found:

@@ -17,7 +17,7 @@ from splat2mesh.scene.color import BLACK, luminance
 from ..albedo.division import DARKEST, LIGHTEST
 from ..lamps.emitters import Emitters, emitters_of
 from ..lamps.shapes import Lamp
-from ..lamps.tracing import DRAFT_RAYS, LitVertices, Ordered, lamplight, ordered
+from ..lamps.tracing import LitVertices, Ordered, lamplight, ordered
 from ..planning.lamp_plan import RayPlan, plan_first_bounce, plan_lamps
 from ..rooms.evenness import Evenness
 from ..rooms.room import AVERAGING_ROUNDS
@@ -138,10 +138,6 @@ class LampLight:
         """Direct light of all lamps by one ray to each from each vertex, (V, 3) float32: with hard shadows, at once."""
         return lamplight(self._receivers, self._emitters, 1, at=self._ordered, least=self._least)
 
-    def draft(self, advance: Advance = lambda count: None) -> NDArray[np.float32]:
-        """Direct light of all lamps by `DRAFT_RAYS` in half-shadows, which no plan has chosen, (V, 3) float32."""
-        return self._direct(self._emitters, advance, DRAFT_RAYS)
-
     def without_bounces(self, direct: NDArray[np.float32]) -> Placed:
         """The light of direct irradiance, (V, 3) on white, without bounces."""
         return Placed(self._albedo * direct, direct, direct, [])
@@ -166,12 +162,11 @@ class LampLight:
         bouncing = self._relighter.options.fixed_effects is None or "bounces" in self._relighter.effects
         return bouncing and self._look.albedo is not None  # in a scene all white light would never fade
 
-    def _direct(
-        self, emitters: Emitters, advance: Advance = lambda count: None, rays: int | None = None
-    ) -> NDArray[np.float32]:
-        seed = self._relighter.options.seed
-        at, rays = LitVertices(leaf=self._leaf), self.plan.rays if rays is None else rays
-        light = lamplight(self._receivers, emitters, rays, at=at, least=self._least, seed=seed, advance=advance)
+    def _direct(self, emitters: Emitters, advance: Advance = lambda count: None) -> NDArray[np.float32]:
+        seed, at = self._relighter.options.seed, LitVertices(leaf=self._leaf)
+        light = lamplight(
+            self._receivers, emitters, self.plan.rays, at=at, least=self._least, seed=seed, advance=advance
+        )
         return light if self._evenness is None else self._evenness.average(light, AVERAGING_ROUNDS)
 
     @cached_property

@@ -8,7 +8,7 @@ import hashlib
 import json
 import os
 import warnings
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -43,7 +43,9 @@ _SCENE = "scene.json"  # as of `splat2mesh.scene.folder`
 _ARRAYS = "vertices", "normals", "faces", "colors_srgb"  # of a Scene: what light on it depends on
 
 
-def settings_of(request: "RelightRequest", env: "AnyLight", angle_deg: float) -> dict[str, Any]:
+def settings_of(
+    request: "RelightRequest", env: "AnyLight", angle_deg: float, lights: "Sequence[AnyLight]" = ()
+) -> dict[str, Any]:
     """Return what the results of one light depend on, JSON-clean.
 
     Parameters
@@ -53,6 +55,8 @@ def settings_of(request: "RelightRequest", env: "AnyLight", angle_deg: float) ->
         One light of the request.
     angle_deg : float
         The angle at which the results show it, its own rotation included.
+    lights : sequence
+        All that a page holds.
 
     Notes
     -----
@@ -92,7 +96,7 @@ def settings_of(request: "RelightRequest", env: "AnyLight", angle_deg: float) ->
         found["color_space"] = request.color_space
         found["cameras"] = None if request.cameras is None else os.fspath(request.cameras)
     if formats & {"live", "web"}:
-        found["lights"] = _described(request.lights)
+        found["lights"] = [each for each in map(_described, lights) if each != found["env"]]
     return dict(json.loads(text_of(found)))  # as a reader of the report finds it
 
 

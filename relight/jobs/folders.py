@@ -241,12 +241,13 @@ def output_folders(request: RelightRequest, lights: list[AnyLight]) -> list[Path
     else:
         parent = Path(output) if output is not None else _default_parent(request.scene)
         folders = [parent / f"{_name(light)}_{_plain(angle)}" for light in lights for angle in angles]
+    beside = [] if request.day else lights
     for folder, (light, angle) in zip(folders, product(lights, angles), strict=True):
         if folders.count(folder) > 1:
             message = f"two of its lights would go into {folder}; rename one of their files"
             raise InputError(f"`env` {request.envs[-1]}: {message}")
         turned = angle + (light.rotation_deg if isinstance(light, Environment) else 0.0)
-        settings = None if request.animated else partial(settings_of, request, light, turned)
+        settings = None if request.animated else partial(settings_of, request, light, turned, beside)
         check_results(folder, request.overwrite, settings)
     if request.sheet and len(folders) > 1:  # of the same lights it would be the same
         check_output(folders[0].parent / SHEET, request.overwrite or all(map(is_results, folders)))
@@ -273,7 +274,7 @@ def _relit(
     if request.day and request.exposure_ev is None:
         request = replace(request, exposure_ev=_exposure_of_day(request, job))
         job = Job(request.under(lights[0]), known=job.known)
-    writer = Writer(job, messages)
+    writer = Writer(job, messages, [] if request.day else lights)
     if request.animated:
         note, report = writer.film(folders[0], request.fps, request.overwrite)
         return RelitFiles(folders, [report], notes=notes + [note] * bool(note), job=job)

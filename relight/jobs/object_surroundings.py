@@ -22,7 +22,7 @@ from ..light.loading import light_of
 if TYPE_CHECKING:
     from ..insert.surroundings import Surroundings
     from ..lamps.shapes import Lamp
-    from ..viewer.sources import ObjectsUnder
+    from ..viewer.request import ObjectsUnder
 
 
 def surroundings_under(shaded: Shaded, mix: LightMix) -> "Surroundings":

@@ -23,15 +23,12 @@ from ..output.inserted_picture import PictureAsked, with_objects
 from ..request import RelightRequest
 from ..splats.grown_part import GrowingSurface
 from ..splats.sky import far_splats
-from ..transfer.occluder import Frame
-from ..viewer.request import SessionRequest
-from ..viewer.sources import HandSource, LampSource, LampSum, ObjectSource, ObjectsUnder, PartSource
+from ..viewer.request import LampSource, ObjectSource, ObjectsUnder, PartSource, SessionRequest
 from ..viewer.splats import SplatLook, SplatSource
 from .job import Job
 from .object_surroundings import surroundings_in
 
 if TYPE_CHECKING:
-    from splat2mesh.render.raycaster import Hits
     from splat2mesh.splats.splats import Splats
 
     from ..insert.asked import AskedInsert
@@ -62,7 +59,7 @@ def session_of(job: Job) -> SessionRequest:
         lamp_source=source,
         object_source=_object_source(job) if job.inputs.asked_inserts else None,
         part_source=_part_source(job),
-        hand_source=_hand_source(job) if settable else None,
+        hand_source=partial(LightByHand, relighter, job.known.appearance) if settable else None,
         under_kept_light=(lambda: session_of(job.under_kept_light())) if estimated else None,
     )
 
@@ -104,11 +101,6 @@ def _first_mixture(job: Job, source: LampSource) -> LightBeside:
     return source.mixture(source.captured, None if lamp_light is None else lamp_light.placed)
 
 
-def _hand_source(job: Job) -> HandSource:
-    """The HandSource of a session."""
-    return HandSource(lambda: LightByHand(job.known.relighter, job.known.appearance), _first_hits_of(job))
-
-
 def _part_source(job: Job) -> PartSource | None:
     """The PartSource of a session; None without splats, or without a folder to keep parts in."""
     scene, splats = job.known.scene, job.inputs.splats
@@ -119,22 +111,7 @@ def _part_source(job: Job) -> PartSource | None:
         albedo = job.known.appearance.albedo
         return GrowingSurface(job.known.binding.surface, scene.colors_linear if albedo is None else albedo)
 
-    matrix = np.asarray(scene.scene_from_splat, np.float64)
-    return PartSource(surface, _first_hits_of(job), splats[0], matrix, scene.path)
-
-
-def _first_hits_of(job: Job) -> "Callable[[NDArray[np.float32]], Hits]":
-    """The first hits of rays (N, 6) in the frame of the scene."""
-    frames: list[Frame] = []
-
-    def first_hits(rays: NDArray[np.float32]) -> "Hits":
-        if not frames:
-            frames.append(Frame.around(job.known.scene.vertices, job.known.scene.faces))
-        (frame,) = frames
-        unit = np.concatenate([frame.unit(rays[:, :3]), rays[:, 3:] / np.float32(frame.diagonal)], axis=1)
-        return job.known.relighter.occluder.first_hits(unit)
-
-    return first_hits
+    return PartSource(surface, splats[0], scene.path)
 
 
 def _lamp_source(job: Job) -> LampSource:
@@ -148,8 +125,7 @@ def _lamp_source(job: Job) -> LampSource:
             found.append(mix.level(job.known.appearance.captured if known else mix.alone_under(job.lights[0]).radiance))
         return found[0]
 
-    def mixture(captured: float, parts: Placed | LampSum | None) -> LightBeside:
-        placed = None if parts is None else Placed(parts.radiance, parts.received, parts.received, [])
+    def mixture(captured: float, placed: Placed | None) -> LightBeside:
         return mix.beside(level(), captured, placed)
 
     def prepare() -> None:
@@ -163,8 +139,6 @@ def _lamp_source(job: Job) -> LampSource:
         light_of=mix.light_of,
         mixture=mixture,
         scale=lambda: mix.scale,
-        first_hits=_first_hits_of(job),
-        scene_from_splat=np.asarray(job.known.scene.scene_from_splat, np.float64),
         command=f"relight {job.inputs.name} --env {job.light_name} --captured {{captured}} --lamp {{lamps}}",
     )
 
@@ -199,7 +173,6 @@ def _object_source(job: Job) -> ObjectSource:
         drawn=lambda splats, light, exposure, view, samples: with_objects(
             splats, light, PictureAsked(job.known.scene, view, exposure, samples)
         ),
-        scene_from_splat=np.asarray(job.known.scene.scene_from_splat, np.float64),
     )
 
 

@@ -6,6 +6,7 @@ for shaded in job.shaded():
 """
 
 import os
+from collections.abc import Sequence
 from contextlib import ExitStack
 from functools import cached_property
 from pathlib import Path
@@ -43,15 +44,16 @@ from .part_shadow import PartShadow
 
 
 class Writer:
-    """Writes the results of a job into folders. messages: the warnings so far, for the report."""
+    """Writes the results of a job into folders. messages: the warnings so far, for the report. lights: those that a
+    page holds beside the built-in ones."""
 
-    def __init__(self, job: Job, messages: list[str] | None = None) -> None:
-        self.job = job
+    def __init__(self, job: Job, messages: list[str] | None = None, lights: Sequence[AnyLight] = ()) -> None:
+        self.job, self._lights = job, lights
         self._messages = [] if messages is None else messages
 
     def under(self, env: AnyLight) -> "Writer":
         """A Writer of the same job under another light, with the same sheet and all shared stages."""
-        other = Writer(self.job.under(env), self._messages)
+        other = Writer(self.job.under(env), self._messages, self._lights)
         other._results = self._results  # with the sheet so far
         return other
 
@@ -63,7 +65,7 @@ class Writer:
         """
         light = shaded.light
         report = report_of(self.job, shaded)
-        settings = settings_of(self.job.request, self.job.request.light, light.rotation_deg)
+        settings = settings_of(self.job.request, self.job.request.light, light.rotation_deg, self._lights)
         check_results(folder, overwrite, lambda: settings)
         there = is_results(folder)
         folder = os.path.realpath(folder) if there else folder
@@ -181,7 +183,7 @@ class Writer:
             texture_size=asked.texture_size,
             live_mesh=asked.live_mesh,
             harmonics=asked.harmonics,
-            lights=[light_of(each) for each in (*asked.lights, *BUILTIN)] if {"live", "web"} & {*formats} else [],
+            lights=[light_of(each) for each in (*self._lights, *BUILTIN)] if {"live", "web"} & {*formats} else [],
             probe_at=asked.probe_at,
             probe_grid=asked.probe_grid,
             color_space=asked.color_space,

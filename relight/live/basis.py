@@ -17,9 +17,8 @@ from ..light.skies import BUILTIN
 from ..sh import harmonics
 from ..splats.mirrored_places import Mix
 from .compression import Compressed, principal
-from .harmonics import turned
 from .lights import light_of
-from .response import BANDS, COEFFICIENTS, LAMPS, SPREAD_BANDS, light_vector
+from .response import BANDS, COEFFICIENTS, LAMPS, SPREAD_BANDS, light_vector, turned
 
 DIRECTIONS = 48
 """Numbers per response. Their error is a tenth of the error of the bytes."""

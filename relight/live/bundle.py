@@ -5,19 +5,23 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from splat2mesh.base.arrays import Faces
+from splat2mesh.base.outputs import staged_file
 from splat2mesh.base.version import VERSION
 from splat2mesh.scene.folder import sha256_of
+from splat2mesh.scene.glb import Glb
+from splat2mesh.scene.mesh import vertex_normals
 from splat2mesh.splats.formats import write_splats
 from splat2mesh.splats.splats import Splats
 
 from .ground import FILE as GROUND_FILE
-from .lights import IMAGE, rgbe
-from .movable import FILE as MOVABLE_FILE
+from .lights import IMAGE, OfferedLight, rgbe
 from .objects import FILE as OBJECTS_FILE
-from .objects import MESH
-from .offered import OfferedLight
+from .objects import MESH, MOVABLE_FILE
 from .parts import FILE as PARTS_FILE
-from .proxy import write_proxy
 from .response import BANDS, SPREAD_BANDS
 from .shine import FILE as GLOSS_FILE
 from .surface import OWN_STEPS
@@ -169,3 +173,20 @@ def light_files(live: "Live") -> list[str]:
 def offered_files(live: "Live") -> list[str]:
     """Names of the images of likely lights of the capture."""
     return [f"lights/offered{number}.rgbe" for number in range(len(live.offered))]
+
+
+def write_proxy(path: Path, vertices: NDArray[np.float32], faces: Faces) -> None:
+    """Write the mesh under the splats, which occludes suns, blocks a walker and receives shadows: (V, 3) float32 in the
+    scene frame and (F, 3), as one node of a binary glTF, with normals."""
+    with staged_file(path) as staging:
+        staging.write_bytes(proxy_glb(vertices, faces))
+
+
+def proxy_glb(vertices: NDArray[np.float32], faces: Faces, normals: bool = True) -> bytes:
+    """The bytes of that file. normals: whether it has them."""
+    file = Glb("relight")
+    attributes = {"POSITION": file.positions(vertices)}
+    if normals:
+        attributes["NORMAL"] = file.values(vertex_normals(vertices, faces))
+    file.mesh("proxy", attributes, indices=file.triangles(faces))
+    return file.content()

@@ -1,6 +1,7 @@
-"""Lights as the bundle stores them: a small image for the sky, coefficients about +y, and a few suns."""
+"""Lights as the bundle stores them: a small image for the sky, coefficients about +y, and a few suns; and lights
+that may have lit the capture, sky and sun apart, so that a hand can move the sun."""
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,6 +9,8 @@ from numpy.typing import NDArray
 from splat2mesh.base.arrays import Floats, Radiance
 from splat2mesh.scene.color import luminance
 
+from ..albedo.by_hand import SkyAndSun
+from ..engine.by_hand import LightByHand, can_be_set
 from ..insert.arriving import OWN_SUN, clustered
 from ..light import CAPTURED, SUN_TOLERANCE
 from ..light.environment import Environment
@@ -16,8 +19,11 @@ from ..light.projections import texel_directions
 from ..light.sun_split import GRID, split
 from ..light.suns import Suns
 from ..sh import harmonics
-from .harmonics import about_y, evaluate
-from .response import BANDS, LAMPS, SPREAD_BANDS, Response
+from .response import BANDS, LAMPS, SPREAD_BANDS, Response, about_y, evaluate
+
+if TYPE_CHECKING:
+    from ..engine.appearance import Appearance
+    from ..engine.relighter import Relighter
 
 IMAGE = GRID
 """Rows and columns: texels of 2.8 degrees, much narrower than a lobe of 10 bands."""
@@ -105,6 +111,40 @@ def capture_light(response: Response, shares: Floats, lamps: float = 0.0) -> Por
     mean = float(luminance(light[0])) / np.sqrt(4.0 * np.pi)
     image = image.reshape(*IMAGE, 3).astype(np.float32)
     return PortableLight("capture", image, light, light, Suns.none(), 1.0, mean, float(lamps))
+
+
+class OfferedLight(NamedTuple):
+    """A likely light of the capture, in the unit of its colours. name: for people. share: of the posterior. image:
+    (64, 128, 3) float32 radiance of its sky, without a sun. rest: (K, 3) coefficients of that about +y. color: (3,) of
+    the sun, luminance 1. sun: `azimuth_deg`, `height_deg` and `sun_share` of a HandLight, as offered."""
+
+    name: str
+    share: float
+    image: NDArray[np.float32]
+    rest: NDArray[np.float64]
+    color: list[float]
+    sun: dict[str, float]
+
+    @classmethod
+    def of(cls, offered: SkyAndSun) -> "OfferedLight":
+        """The OfferedLight of a SkyAndSun."""
+        image: NDArray[np.float32] = pooled(offered.sky.radiance, IMAGE).astype(np.float32)
+        sun = {name: float(getattr(offered.hand, name)) for name in ("azimuth_deg", "height_deg", "sun_share")}
+        color = [float(each) for each in offered.color]
+        entry = offered.entry
+        return cls(entry.name, entry.share, image, about_y(offered.sky.sh(BANDS)), color, sun)
+
+    def described(self, file: str) -> dict[str, Any]:
+        """Its entry in live.json, a dict. file: of its image."""
+        numbers = {"rest": self.rest.tolist(), "color": self.color, **self.sun}
+        return {"name": self.name, "share": self.share, "file": file, **numbers}
+
+
+def offered_lights(relighter: "Relighter", look: "Appearance") -> list[OfferedLight]:
+    """The likely lights of a scene; none where its captured light cannot be set by hand."""
+    if not can_be_set(look, relighter):
+        return []
+    return [OfferedLight.of(each) for each in LightByHand(relighter, look).offered]
 
 
 def rgbe(image: Radiance) -> NDArray[np.uint8]:

@@ -16,14 +16,14 @@ from splat2mesh.surface.decimate import decimate
 from splat2mesh.views.viewpoints import FEW, box_of
 
 from ..light.environment import Environment
+from ..options import PLACE_TOLERANCE
 from ..splats.binding import Binding
 from ..splats.sky import shown_as_sky
 from .basis import Packed, packed
 from .compression import Compressed
 from .ground import ShadowedGround
-from .lights import PortableLight, capture_light, light_of
+from .lights import OfferedLight, PortableLight, capture_light, light_of
 from .objects import LiveObjects
-from .offered import OfferedLight
 from .parts import LiveParts
 from .response import BANDS, COEFFICIENTS, SPREAD_BANDS, Response, assumed_response, response_of
 from .rows import CapturedColors, lit_rows, turned_vectors
@@ -38,9 +38,6 @@ if TYPE_CHECKING:
     from ..gloss.material import Gloss
     from ..splats.floor_mirror import FloorMirror
     from ..transfer.settings import Settings
-
-BYTES_TOLERANCE = 0.03
-"""Default relative error of the light that the bytes may add: 1.3% of a display value."""
 
 FIRST_FOV_DEG = 60.0
 """Field of view along the longer side of the window, for objects."""
@@ -110,9 +107,10 @@ class LiveScene:
 
 
 class LiveSettings(NamedTuple):
-    """tolerance: relative error that the bytes may add. sky: of `splats.SKIES`. seed: of all that is sampled."""
+    """tolerance: relative error of the light that the bytes may add: .03 is 1.3% of a display value. sky: of
+    `splats.SKIES`. seed: of all that is sampled."""
 
-    tolerance: float | None = None
+    tolerance: float = PLACE_TOLERANCE
     sky: str = "new"
     seed: int = 0
 
@@ -149,7 +147,7 @@ def live_of(
         known = CapturedColors(splats, shown.appearance.captured, shares, brightness)
         rows, basis = lit_rows(binding, response, known, vectors, truth)
     with stages.stage("compress"):
-        found, errors = rows.compressed(basis, BYTES_TOLERANCE if how.tolerance is None else how.tolerance, how.seed)
+        found, errors = rows.compressed(basis, how.tolerance, how.seed)
     with stages.stage("surface"):
         foliage = shown.relighter.precomputed.foliage if settings.volume else None
         surface = surfaces(binding, splats.means, scene, response.own, kinds, foliage)

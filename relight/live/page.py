@@ -9,21 +9,20 @@ import gzip
 import json
 import os
 import re
-import tempfile
+import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .bundle import META, write_bundle
-from .proxy import proxy_glb
+from .bundle import META, proxy_glb, write_bundle
 
 if TYPE_CHECKING:
     from .live import Live
 
-MOST_IN_A_FILE = 1_500_000
-"""Number of splats above which the page is a folder: its file would exceed 60 MB, and browsers hold several copies."""
+MOST_PACKED = 60_000_000
+"""Bytes of one file above which the page is a folder, since browsers hold several copies: 1.5 million splats."""
 
 PAGE, FOLDER, INDEX = "relit.html", "web", "index.html"
 
@@ -70,27 +69,25 @@ _SCRIPT = "viewer"
 """Name under which the page holds its own script, packed like a file, which comes first."""
 
 
-def write_page(
-    folder: str | os.PathLike[str], live: "Live", turn: float = 0.0, most: int = MOST_IN_A_FILE
-) -> list[str]:
+def write_page(folder: str | os.PathLike[str], live: "Live", turn: float = 0.0, most: int = MOST_PACKED) -> list[str]:
     """Write the page of a Live into a folder that exists; returns the names of its files.
 
-    turn: degrees that the first light is turned by at the start. most: splats above which it is a folder.
+    turn: degrees that the first light is turned by at the start. most: bytes above which it is a folder.
     """
     folder = Path(folder)
-    if len(live.splats) > most:
-        (folder / FOLDER).mkdir()
-        names = write_bundle(folder / FOLDER, live, exact=False)
-        page = page_of(json.loads((folder / FOLDER / META).read_text("utf-8")), names, None, turn)
-        (folder / FOLDER / INDEX).write_text(page, encoding="utf-8", errors="replace")
-        return [f"{FOLDER}/{name}" for name in (INDEX, *names)]
-    with tempfile.TemporaryDirectory() as staging:
-        names = write_bundle(staging, live, exact=False)
-        meta = json.loads((Path(staging) / META).read_text("utf-8"))
-        contents = {name: (Path(staging) / name).read_bytes() for name in names if name != META}
-        contents["proxy.glb"] = proxy_glb(*live.proxy, normals=False)
-        (folder / PAGE).write_text(page_of(meta, names, contents, turn), "utf-8", "replace")
-    return [PAGE]
+    bundle = folder / FOLDER
+    bundle.mkdir()
+    names = write_bundle(bundle, live, exact=False)
+    meta = json.loads((bundle / META).read_text("utf-8"))
+    contents = {name: (bundle / name).read_bytes() for name in names if name != META}
+    contents["proxy.glb"] = proxy_glb(*live.proxy, normals=False)
+    page = page_of(meta, names, contents, turn)
+    if len(page) <= most:
+        shutil.rmtree(bundle)
+        (folder / PAGE).write_text(page, "utf-8", "replace")
+        return [PAGE]
+    (bundle / INDEX).write_text(page_of(meta, names, None, turn), "utf-8", "replace")
+    return [f"{FOLDER}/{name}" for name in (INDEX, *names)]
 
 
 def page_of(

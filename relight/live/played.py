@@ -24,13 +24,13 @@ from splat2mesh.splats.splats import Splats
 from ..light.environment import Environment
 from .lights import light_of, rgbe
 from .live import first_view, spatial_order
-from .page import FOLDER, INDEX, PAGE, page_text, script_of
+from .page import FOLDER, INDEX, MOST_PACKED, PAGE, page_text, script_of
 
 FRAMES = "frames.json"
 """What the folder of such a page says of its frames."""
 
-MOST_PACKED, MOST_UNPACKED = 60_000_000, 400_000_000
-"""Bytes of one file, and of all its frames unpacked, above which the page is a folder: it reads frames as it plays."""
+MOST_UNPACKED = 400_000_000
+"""Bytes of all frames unpacked above which the page is a folder: it reads frames as it plays."""
 
 _SKY = "sky.rgbe"
 _LIBRARY, _SCRIPTS = ("primaries", "light", "framing"), ("layout", "host", "play")

@@ -6,6 +6,10 @@ surface, `lamps` the factor on the lamps of a room. `direct` is direct light. `s
 the whole scene's change: both vary slowly with direction, so suns need no shadows of their own there. In a room all
 light but that of suns enters by windows, with any number of bounces; there `direct` also holds bounced light beyond the
 bands of `spread`.
+
+Harmonics are about the vertical axis, so that turning the light rotates pairs of coefficients, one line in any engine.
+Coefficient i = l (l + 1) + m is that of our basis at the direction (z, x, y) instead of (x, y, z): the polar axis is
++y, the azimuth is the longitude atan2(x, z). m > 0 goes with cos(m longitude), m < 0 with sin(|m| longitude).
 """
 
 from typing import TYPE_CHECKING, NamedTuple
@@ -13,13 +17,12 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from splat2mesh.base.arrays import Coefficients, Floats
+from splat2mesh.base.arrays import Coefficients, Directions, Floats
 
 from ..albedo.division import DARKEST
 from ..sh import harmonics
 from ..splats.light_ratio import linear_parts
 from ..transfer.bounces import transfer_with_bounces
-from .harmonics import POLAR
 
 if TYPE_CHECKING:
     from ..engine.appearance import Appearance
@@ -34,6 +37,10 @@ LAMPS = BANDS**2 + SPREAD_BANDS**2
 """Index of the coefficient of lamps, after those of the environment."""
 
 COEFFICIENTS = LAMPS + 1
+
+
+POLAR = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])
+"""The rotation (x, y, z) -> (z, x, y)."""
 
 
 class Response(NamedTuple):
@@ -155,3 +162,21 @@ def light_vector(rest: Coefficients, whole: Coefficients, lamps: float = 0.0) ->
     """(COEFFICIENTS, 3) that multiplies the values: coefficients about +y without suns, those with suns, and the factor
     on lamps."""
     return np.concatenate([rest[: BANDS**2], whole[: SPREAD_BANDS**2], np.full((1, 3), lamps)])
+
+
+def evaluate(directions: Directions, bands: int) -> Floats:
+    """Values of the basis about +y, (N, K), in directions (N, 3)."""
+    return harmonics.evaluate(np.asarray(directions) @ POLAR.T, bands)
+
+
+def about_y(coefficients: Coefficients) -> NDArray[np.float64]:
+    """Coefficients (..., K, C) about +y of those (..., K, C) in our basis."""
+    return harmonics.rotation_matrix(POLAR, harmonics.bands_of(coefficients)) @ coefficients
+
+
+def turned(coefficients: Coefficients, angle_deg: float) -> NDArray[np.float64]:
+    """Coefficients (K, C) about +y of light turned by an active Ry(+angle)."""
+    _, order = harmonics.degrees_and_orders(harmonics.bands_of(coefficients))
+    angle = order * np.radians(angle_deg)
+    mirrored = coefficients[np.arange(len(order)) - 2 * order]
+    return np.cos(angle)[:, None] * coefficients - np.sin(angle)[:, None] * mirrored

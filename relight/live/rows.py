@@ -18,13 +18,9 @@ from ..splats.binding import Binding
 from ..splats.light_ratio import CURVE_OFFSET, CURVE_POWER
 from ..splats.mirrored_places import Mix
 from .basis import Basis, reduced, usual_moment
-from .compression import Compressed, choices_for, cluster_centers, compress
-from .harmonics import turned
+from .compression import WEIGHTS, Compressed, compress, near_clusters
 from .lights import PortableLight
-from .response import BANDS, LAMPS, Response, light_vector
-
-HOPELESS = 2.0
-"""Factor on the tolerance above which more clusters cannot help: sixteen times as many halve the error."""
+from .response import BANDS, LAMPS, Response, light_vector, turned
 
 
 class LitRows(NamedTuple):
@@ -38,35 +34,24 @@ class LitRows(NamedTuple):
     truth: Floats
 
     def compressed(self, basis: Basis, tolerance: float, seed: int) -> tuple[Compressed, list[dict[str, float]]]:
-        """The first of `choices_for` the rows within the tolerance, else the best; and a list of dicts with the bytes
-        and error of each choice tried."""
+        """The fewest WEIGHTS within the tolerance, else the most; and a list of dicts with the bytes and error of each
+        choice tried."""
         rows, counts, truth = self.rows, self.counts, self.truth
         base, small = basis.colors(self.vectors)
         size = np.sqrt(np.square(truth).mean(axis=(0, 2)))
         tried: list[dict[str, float]] = []
-        best: tuple[float, Compressed] | None = None
-        centers: dict[int, NDArray[np.float32]] = {}
-        hopeless: set[int] = set()
-        for choice in choices_for(len(rows)):
-            if choice.weights in hopeless:
-                continue
-            if choice.clusters not in centers:
-                centers[choice.clusters] = cluster_centers(rows, counts, choice.clusters, seed)
-            found = compress(rows, counts, choice, seed, centers[choice.clusters])
+        near = near_clusters(rows, counts, seed)
+        for weights in WEIGHTS:
+            found = compress(rows, counts, weights, near)
             off = base + np.einsum("nd,dtc->ntc", found.rows(self.every), small, optimize=True) - truth
             error = float((np.sqrt(np.square(off).mean(axis=(0, 2))) / np.where(size > 0.0, size, 1.0)).max())
-            tried.append({"bytes": choice.bytes, "clusters": len(found.means), "error": error})
-            if best is None or error < best[0]:
-                best = error, found
+            tried.append({"bytes": 2 + weights, "clusters": len(found.means), "error": error})
             if error <= tolerance:
                 break
-            if error > HOPELESS * tolerance:
-                hopeless.add(choice.weights)
         else:
-            assert best is not None  # there is always a choice
-            message = f"the largest transfer leaves an error of {best[0]:.3f}, {tolerance:g} was requested"
+            message = f"the largest transfer leaves an error of {error:.3f}, {tolerance:g} was requested"
             warnings.warn(message, DataWarning, stacklevel=3)
-        return best[1], tried
+        return found, tried
 
 
 class CapturedColors(NamedTuple):

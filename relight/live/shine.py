@@ -18,8 +18,7 @@ from ..gloss.mirrored import LEAST_ALPHA
 from ..gloss.openness import BANDS as OPEN_BANDS
 from ..gloss.openness import openness
 from ..gloss.reflections import MOSTLY
-from .harmonics import about_y
-from .response import BANDS
+from .response import BANDS, about_y
 from .terms import rows_of, runs_of
 
 if TYPE_CHECKING:

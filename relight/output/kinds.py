@@ -32,8 +32,8 @@ OUTPUTS = {
     "splat-glb": Output("relit_splat.glb", True, "engines", True, of_parts=True),
     "usd": Output("relit_splat.usdc", True, "engines", True),
     "png": Output("preview.png", relit=True, of_parts=True),
-    "live": Output("live/live.json", True, "live", options=("lights",)),
-    "web": Output("relit.html", True, "live", options=("lights",)),
+    "live": Output("live/live.json", True, "live"),
+    "web": Output("relit.html", True, "live"),
     "probe": Output("probe.exr", True, "around", True, ("probe_at", "probes")),
     "catcher": Output(
         "catcher.ply",

@@ -9,14 +9,13 @@ from ..light import SUN_TOLERANCE
 from ..light.captured import CapturedLight
 from ..live.bundle import write_bundle
 from ..live.ground import ShadowedGround
-from ..live.lights import PortableLight, captured_alone, light_of
+from ..live.lights import PortableLight, captured_alone, light_of, offered_lights
 from ..live.live import Live, LiveScene, LiveSettings, live_of
-from ..live.movable import movables_of
-from ..live.objects import LiveObjects, objects_of
-from ..live.offered import offered_lights
+from ..live.objects import LiveObjects, movables_of, objects_of
 from ..live.page import write_page
 from ..live.parts import LiveParts
 from ..live.terms import sources_of
+from ..options import PLACE_TOLERANCE
 from ..transfer.settings import BOUNCE_RAYS, BOUNCE_TOLERANCE, BOUNCES, Settings
 from .catcher import Catcher
 from .inserted_glb import inserted_glb
@@ -44,7 +43,8 @@ class LiveFiles:
         folder, light, kinds = into.path, into.shaded.light, self._written.asked.kinds
         objects = self._objects(into)
         live = self._prepared(light)
-        live = live._replace(lights=[self._shown(light, into.shaded.exposure), *live.lights])
+        others = [each for each in live.lights if each.name != light.name]
+        live = live._replace(lights=[self._shown(light, into.shaded.exposure), *others])
         if objects is not None:
             live = live._replace(objects=objects.in_order(live.order))
         names = []
@@ -69,10 +69,10 @@ class LiveFiles:
         return objects_of(self._relit.without_objects(shaded), relit, content, shaded.light.rotation_deg, movable)
 
     def _prepared(self, light: "Environment") -> Live:
-        """All but the light that is shown first."""
+        """All but how the light that is shown first is exposed."""
         mixes = self._mix.under(light).kind.adds
         if mixes not in self._live:
-            others = {each.name: each for each in self._others if each.name != light.name}
+            others = {each.name: each for each in self._others}
             settings = self._settings(next(iter(others.values())) if isinstance(light, CapturedLight) else light)
             albedo, traced = self._appearance.albedo, settings._replace(sun_tolerance=SUN_TOLERANCE)
             as_captured = self._room is not None and self._room.exposure is not None
@@ -96,11 +96,12 @@ class LiveFiles:
                 self._written.mirror(),
             )
             asked = self._written.asked
-            found = live_of(shown, lights, settings, LiveSettings(asked.tolerance, asked.sky, asked.seed))
+            how = LiveSettings(asked.tolerance or PLACE_TOLERANCE, asked.sky, asked.seed)
+            found = live_of(shown, lights, settings, how)
             offered = offered_lights(self._relighter, self._appearance)
             parts = LiveParts.of(self._written.kept_parts(), found.order)
             found = found._replace(ground=self._ground(), offered=offered, parts=parts)
-            self._live[mixes] = self._mixed(found, light) if mixes else found
+            self._live[mixes] = self._mixed(found) if mixes else found
         return self._live[mixes]
 
     def _ground(self) -> ShadowedGround | None:
@@ -123,15 +124,14 @@ class LiveFiles:
         radiance = None if known else self._relighter.shading(light, self._appearance.albedo).radiance
         return self._beside(found, light, exposure / self._mix.level(radiance, light))
 
-    def _mixed(self, live: Live, first: "Environment") -> Live:
-        """A Live whose lights have the requested light beside them, and the captured light, unless it comes first."""
+    def _mixed(self, live: Live) -> Live:
+        """A Live whose lights have the requested light beside them, and the captured light."""
         by_name = {each.name: each for each in self._others}
         lights = live.lights
         if not self._mix.assumes:  # by which no light has another beside it
             lights = [self._beside(each, by_name[each.name]) for each in lights]
-        if not isinstance(first, CapturedLight):
-            lights.append(captured_alone(self._mix.under(CapturedLight()).captured_factor))
-        return live._replace(lights=lights)
+        alone = captured_alone(self._mix.under(CapturedLight()).captured_factor)
+        return live._replace(lights=[*lights, alone])
 
     def _beside(self, found: PortableLight, light: "Environment", unit: float = 1.0) -> PortableLight:
         """A Light with the light beside it. An environment without effect shows only through windows."""

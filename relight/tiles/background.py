@@ -11,15 +11,12 @@ from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.joining import joined
 from splat2mesh.splats.splats import Splats
 from splat2mesh.tiles.store import Store
-from splat2mesh.tiles.survey import splats_from
+from splat2mesh.tiles.survey import SAMPLE, splats_from
 
 from ..light.environment import Environment
 from ..splats.attachment import Patches, Surface
 from ..splats.light_ratio import log_gain, relit_sh
 from ..splats.sky import Backdrop, FarSplats, backdrop_of, is_sky
-
-SAMPLE = 200_000
-"""Far splats of all pieces in the sample that separates sky from objects."""
 
 
 class Background(NamedTuple):

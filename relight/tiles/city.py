@@ -9,9 +9,8 @@ from splat2mesh.base.version import VERSION
 from splat2mesh.options import TilingOptions, refuse_in_cities
 from splat2mesh.tiles.city import CITY, SCHEMA_VERSION
 from splat2mesh.tiles.plan import FILE, CityPlan
-from splat2mesh.tiles.steps import TaskSteps, name_failed
 from splat2mesh.tiles.store import Store
-from splat2mesh.tiles.tasks import Task, costs, tiling_engine
+from splat2mesh.tiles.tasks import Task, TaskSteps, costs, name_failed, tiling_engine
 from splat2mesh.tiles.tileset import tileset
 
 from ..lamps.placing import asked_lamps
@@ -19,7 +18,7 @@ from ..light.loading import light_of
 from ..options import PLACE_TOLERANCE
 from ..output.kinds import CITY_FILES
 from ..request import RelightRequest
-from .parts import room_for
+from .local import room_for
 from .shared import LIGHT, write_sky
 from .streamed import FOLDER, META, lod_meta
 from .work import TileRequest, common_light, relit_environment, relit_far, relit_tile

@@ -1,5 +1,5 @@
-"""Data that all tiles of a relit city share, in one file that a process reads once: the lights, the exposure, and the
-whole city, coarse."""
+"""Data that all tiles of a relit city share, which a process reads once: the lights and the exposure, in one file, and
+the whole city, coarse."""
 
 from functools import lru_cache
 from hashlib import sha256
@@ -115,10 +115,8 @@ def read_sky(store: Store, folder: str) -> Environment:
 
 
 def write_shared(store: Store, folder: str, shared: Shared) -> str:
-    """Store a Shared; return its key."""
-    full = [mesh for mesh in shared.coarse if mesh is not None]
-    arrays: dict[str, Any] = {name: getattr(shared, name) for name in ("scene_from_splat", "cores", "exposure")}
-    arrays |= _sky_arrays(shared.sky)
+    """Store the lights of a Shared; return their key."""
+    arrays: dict[str, Any] = {"exposure": shared.exposure, **_sky_arrays(shared.sky)}
     if shared.capture is not None and shared.prior is not None:
         arrays |= {"capture": shared.capture.radiance}
         arrays |= {"prior_albedo": shared.prior.albedo, "prior_irradiance": shared.prior.irradiance}
@@ -128,11 +126,6 @@ def write_shared(store: Store, folder: str, shared: Shared) -> str:
         arrays |= {f"background_{name}": value for name, value in shared.background.arrays().items()}
     if shared.mixture is not None:
         arrays |= shared.mixture.arrays()
-    for name in ("vertices", "faces"):
-        counts = [0 if mesh is None else len(getattr(mesh, name)) for mesh in shared.coarse]
-        arrays[f"coarse_{name}_counts"] = np.array(counts)
-    for name in Mesh.__dataclass_fields__:
-        arrays[f"coarse_{name}"] = np.concatenate([getattr(mesh, name) for mesh in full])
     data = bytes_of_arrays(**arrays)
     store.write(f"{folder}/{LIGHT}", data)
     return sha256(data).hexdigest()
@@ -152,26 +145,15 @@ def _sky_from(kept: dict[str, Any]) -> Environment:
 
 @lru_cache(1)
 def _read_shared(root: str, folder: str, key: str) -> Shared:
-    kept = arrays_of(Store(root).read_unchanged(f"{folder}/{LIGHT}", key))
-    ends = {part: np.cumsum(kept[f"coarse_{part}_counts"]) for part in ("vertices", "faces")}
-    fields = list(Mesh.__dataclass_fields__)
-    split = {
-        name: np.split(kept[f"coarse_{name}"], ends["faces" if name == "faces" else "vertices"][:-1]) for name in fields
-    }
-    meshes = [Mesh(*parts) for parts in zip(*(split[name] for name in fields), strict=True)]
-    capture = prior = None
+    store = Store(root)
+    kept = arrays_of(store.read_unchanged(f"{folder}/{LIGHT}", key))
+    shared = coarse_city(store, _sky_from(kept))
     if "capture" in kept:
-        capture = Environment(kept["capture"], "the capture")
         prior = Prior(kept["prior_albedo"], kept["prior_irradiance"])
-    return Shared(
-        kept["scene_from_splat"],
-        kept["cores"],
-        [mesh if len(mesh.faces) else None for mesh in meshes],
-        _sky_from(kept),
-        capture,
-        prior,
-        float(kept["exposure"]),
-        Usual(*(kept[f"usual_{name}"] for name in Usual._fields)) if "usual_soft" in kept else None,
-        Background.from_arrays({name.removeprefix("background_"): value for name, value in kept.items()}),
-        CityMixture.from_arrays(kept),
+        shared = shared._replace(capture=Environment(kept["capture"], "the capture"), prior=prior)
+    return shared._replace(
+        exposure=float(kept["exposure"]),
+        usual=Usual(*(kept[f"usual_{name}"] for name in Usual._fields)) if "usual_soft" in kept else None,
+        background=Background.from_arrays({name.removeprefix("background_"): kept[name] for name in kept}),
+        mixture=CityMixture.from_arrays(kept),
     )

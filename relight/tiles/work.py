@@ -15,11 +15,11 @@ from splat2mesh.splats.cleaning import usable
 from splat2mesh.splats.formats.inria import inria_ply_bytes
 from splat2mesh.splats.joining import joined
 from splat2mesh.splats.splats import Splats
-from splat2mesh.tiles.glb import glb_bytes
 from splat2mesh.tiles.memory import give_back
 from splat2mesh.tiles.plan import folder_of
 from splat2mesh.tiles.store import Store
 from splat2mesh.tiles.survey import splats_from
+from splat2mesh.tiles.tileset import glb_bytes
 
 from ..albedo import estimate
 from ..albedo.estimate import under_light
@@ -35,9 +35,8 @@ from ..output.relit_splats import BoundSplats, SplatLight, relit
 from ..splats.binding import Binding
 from ..splats.light_ratio import Usual, log_gain
 from .background import background_of, far_splats, relit_background
-from .local import NEAR, Local, TileNeighborhood, far_scene
+from .local import NEAR, Local, TileNeighborhood, far_scene, room_for
 from .mixture import CityMixture
-from .parts import room_for
 from .shared import Shared, coarse_city, read_sky, write_shared
 from .streamed import FOLDER, environment_files, tile_levels
 

@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..transfer.settings import BOUNCES, EFFECTS, SHADOWS, VOLUME
 from .lighting import FinishedShading, LightWish, SessionLight, keys
 
 if TYPE_CHECKING:
@@ -63,19 +62,6 @@ class Answers:
         """The effects that the plan calls for at this tolerance; all while it is unknown."""
         key, lit = self._found.get("shading", (None, None))
         return lit.effects if lit is not None and key[:4] == keys(self.wish)["shading"][:4] else self.available
-
-    @property
-    def missing(self) -> str:
-        """The effects still missing, in words."""
-        effects = self.wish.effects & self.called_for - {VOLUME}  # which comes with the shadows
-        missing = [name for name in EFFECTS if name in effects]
-        if SHADOWS in missing and "transfer" in self._found:
-            missing.remove(SHADOWS)
-            if BOUNCES in missing and self.bounced is not None:
-                missing = [name for name in missing if name != BOUNCES] or ["the last of the bounces"]
-        if not missing:
-            return "the light"
-        return " and ".join([", ".join(missing[:-1]), missing[-1]] if len(missing) > 1 else missing)
 
     def ask(self) -> None:
         """Ask the worker for what is wished, once."""

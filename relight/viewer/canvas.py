@@ -4,6 +4,7 @@ Two kinds of VTK actors draw them, one for all rectangles and one for each text.
 window, off screen and in a browser.
 """
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -43,6 +44,24 @@ IDLE = *_between(MARK, DARK), OPAQUE
 
 MARGIN = 16  # units from the edges of the window
 _DPI = 72  # a point is a pixel
+
+
+class HotArea(NamedTuple):
+    """A part of the window that takes the mouse. box: left, bottom, width, height in pixels.
+
+    name: key of a control, field of a slider, or "split". value: of a mouse position, the resulting slider value.
+    lamp: the number of the lamp there.
+    """
+
+    box: tuple[float, ...]
+    name: str
+    value: Callable[[float, float], float] | None = None
+    lamp: int | None = None
+
+    def holds(self, x: float, y: float) -> bool:
+        """Whether a position is inside."""
+        left, bottom, width, height = self.box
+        return left <= x < left + width and bottom <= y < bottom + height
 
 
 class Canvas:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..transfer.settings import BOUNCES, SHADOWS, SUN
 from .modes import MODES
-from .window_view import WindowView
+from .pointing import WindowView
 
 if TYPE_CHECKING:
     from .session import Session
@@ -95,9 +95,10 @@ def _mode(key: str, name: str) -> Control:
     text = f"{mode.title}: {mode.text}"
 
     def lit(session: "Session") -> float:
-        return session.state.mode == name and not session.state.by_hand
+        return session.state.mode == name and session.state.tool != "hand"
 
-    return Control(key, text, _change(mode=name, by_hand=False), lambda s: mode.title, "modes", lit)
+    change = _change(mode=name, tool=lambda state: state.tool.replace("hand", ""))
+    return Control(key, text, change, lambda s: mode.title, "modes", lit)
 
 
 def _has(name: str) -> Callable[["Session"], bool]:
@@ -110,19 +111,19 @@ def _can_undo(session: "Session") -> bool:
 
 
 def _mixes(session: "Session") -> bool:
-    return session.lamps is not None and (session.state.placing or session.mixture is not None)
+    return session.lamps is not None and (session.uses("lamps") or session.mixture is not None)
 
 
 def _has_selected(session: "Session") -> bool:
-    return session.lamps is not None and session.state.placing and session.lamps.selected is not None
+    return session.lamps is not None and session.uses("lamps") and session.lamps.selected is not None
 
 
-def _by_hand(session: "Session") -> bool:
-    return session.hand is not None and session.state.by_hand
+def _uses(tool: str) -> Callable[["Session"], bool]:
+    """Whether a Session uses a tool."""
+    return lambda session: session.uses(tool)
 
 
-def _parting(session: "Session") -> bool:
-    return session.parts is not None and session.state.parts
+_by_hand, _parting = _uses("hand"), _uses("parts")
 
 
 def _dims_lamps(session: "Session") -> bool:
@@ -175,7 +176,7 @@ CONTROLS = (
     Control("l", "captured lamps off, on", _change(lamps=lambda s: float(s.lamps == 0.0)), lambda s: "lamps", "choices",
             lambda s: s.state.lamps > 0.0, _dims_lamps),
     Control("t", "lamps: click adds one, drag moves it", lambda window: window.mouse.lamps.toggle(),
-            lambda s: "add lamps", "choices", lambda s: s.state.placing, _has("lamps")),
+            lambda s: "add lamps", "choices", _uses("lamps"), _has("lamps")),
     Control("c", "next colour of the lamp", lambda window: window.mouse.lamps.next_color(), there=_has("lamps")),
     Control("d", "delete the lamp", lambda window: window.mouse.lamps.remove(), there=_has("lamps")),
     Control("z", "undo a change of lamps, objects or a part", lambda window: window.mouse.lamps.step_back(),
@@ -183,13 +184,13 @@ CONTROLS = (
     Control("y", "redo", lambda window: window.mouse.lamps.step_back(again=True), there=_can_undo),
     Control("j", "save the lamps as lamps.json", lambda window: window.mouse.lamps.save(), there=_has("lamps")),
     Control("6", "objects: drag moves one, with shift up and down", lambda window: window.mouse.objects.toggle(),
-            lambda s: "move objects", "choices", lambda s: s.state.arranging, _has("objects")),
+            lambda s: "move objects", "choices", _uses("objects"), _has("objects")),
     Control("7", "turn the object clockwise", lambda window: window.mouse.objects.turn(-ANGLE_STEP_DEG),
             there=_has("objects")),
     Control("8", "turn the object counter-clockwise", lambda window: window.mouse.objects.turn(ANGLE_STEP_DEG),
             there=_has("objects")),
     Control("9", "captured light by hand: drag its sun, right drag too", lambda window: window.mouse.hand.toggle(),
-            lambda s: "captured light", "both", lambda s: s.state.by_hand, _has("hand")),
+            lambda s: "captured light", "both", _uses("hand"), _has("hand")),
     Control("apostrophe", "next of the likely captured lights", lambda window: window.mouse.hand.next_light(),
             lambda s: "next light", "hand", there=_has("hand")),
     Control("slash", "captured sun: click a shadow's edge, then what casts it", lambda window: window.mouse.hand.ask(),
@@ -197,7 +198,7 @@ CONTROLS = (
     Control("0", "keep the captured light: the session and commands use it", lambda window: window.mouse.hand.keep(),
             lambda s: "keep", "hand", lambda s: s.hand is not None and s.hand.kept == s.hand.setting, _has("hand")),
     Control("5", "parts: a click adds a surface, the slider says how much", lambda window: window.mouse.parts.toggle(),
-            lambda s: "parts", "choices", lambda s: s.state.parts, _has("parts")),
+            lambda s: "parts", "choices", _uses("parts"), _has("parts")),
     Control("Return", "keep the part: commands know it by its name", lambda window: window.mouse.parts.keep(),
             lambda s: "keep part", "choices", there=_parting),
     Control("space", "start, stop rotating the light", _toggle("turning"), lambda s: "turn", "choices",

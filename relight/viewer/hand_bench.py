@@ -1,7 +1,8 @@
 """The captured light of a session while a hand sets it: the albedo at once, with a traced sun when the input rests."""
 
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -9,14 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Vector
-from splat2mesh.base.errors import InputError
 from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
 
 from ..albedo.by_hand import HandLight, SkyAndSun, sun_through
 from ..engine.by_hand import LightByHand
 from ..output.offered_lights import light_map
+from .bench import Answer, Bench, Check
 from .request import SessionRequest
-from .sources import HandSource
 from .worker import in_words
 
 MAP_WIDTH = 32
@@ -24,38 +24,35 @@ MAP_WIDTH = 32
 
 PREPARING = "tracing the captured light"
 
+Bytes: TypeAlias = NDArray[np.uint8]
+
 Setting: TypeAlias = tuple[int, HandLight]
 """Number of an offered light, from 0, and what is set of it."""
 
 
-class HandBench:
-    """The light of a HandSource as a hand sets it. `poll` it often.
+class HandBench(Bench[Setting | None, Bytes]):
+    """The captured light as a hand sets it.
 
     message: the text to show, or "". kept: the Setting that was written last, or None.
     """
 
-    def __init__(self, source: HandSource, under_kept_light: Callable[[], SessionRequest] | None = None) -> None:
-        """under_kept_light: as of SessionRequest."""
-        self.source, self.message, self._under_kept_light = source, "", under_kept_light
+    def __init__(
+        self, lights: Callable[[], LightByHand], under_kept_light: Callable[[], SessionRequest] | None = None
+    ) -> None:
+        """Arguments as of SessionRequest, `lights` its `hand_source`."""
+        super().__init__(lambda: self._now, self._exactly, self._quickly)
+        self.message, self._source, self._under_kept_light = "", lights, under_kept_light
         self.kept: Setting | None = None
         self._relit: Future[SessionRequest] | None = None
-        self._thread = ThreadPoolExecutor(1, thread_name_prefix="captured light")
         self._lights: LightByHand | None = None
+        self._coming: Future[LightByHand] | None = None
         self._now: Setting | None = None
-        self._running: tuple[Setting | None, Future[Any]] | None = None
-        self._quick: tuple[Setting, NDArray[np.uint8]] | None = None
-        self._exact: tuple[Setting, NDArray[np.uint8]] | None = None
         self._maps: dict[Any, NDArray[np.uint8]] = {}
 
     @property
     def ready(self) -> bool:
         """Whether a light can be set."""
         return self._lights is not None
-
-    @property
-    def settled(self) -> bool:
-        """Whether the sun of the present light was traced."""
-        return self._exact is not None and self._exact[0] == self._now
 
     @property
     def offered(self) -> list[SkyAndSun]:
@@ -79,34 +76,20 @@ class HandBench:
 
     def prepare(self) -> None:
         """Start the long work, in the thread."""
-        if not self.ready and self._running is None:
-            self._running = None, self._thread.submit(self._prepared)
-
-    def finish(self) -> None:
-        """Wait until the present light is there in full. Raises InputError where it cannot be set."""
-        self.prepare()
-        while self._running is not None or not self.settled:
-            if self._running is not None:
-                self._running[1].exception()
-            self.poll(True)
-            if not self.ready and self._running is None:
-                raise InputError(self.message)
+        if not self.ready and self._coming is None:
+            self._coming = self.submit(self._prepared)
 
     def poll(self, rests: bool) -> bool:
-        """Collect the results of the thread, and give it work if the input rests; return whether something changed."""
-        changed = False
-        if self._running is not None and self._running[1].done():
-            (setting, done), self._running, changed = self._running, None, True
-            error = done.exception()
-            if error is not None:
+        """As of Bench; the lights come first."""
+        if self._coming is not None and self._coming.done():
+            done, self._coming = self._coming, None
+            if error := done.exception():
                 self.message = in_words(error)
-            elif setting is None:
+            else:
                 self._lights = done.result()
                 self.choose(self._lights.first)
-            else:
-                self._exact = setting, done.result()
-        if rests and self._running is None and self._now is not None and not self.settled and not self.message:
-            self._running = self._now, self._thread.submit(self._bytes, self._now, True)
+        changed = self._now is not None and super().poll(rests)
+        self.message = self.message or self.failure
         return changed
 
     def change(self, **changes: float) -> None:
@@ -139,7 +122,7 @@ class HandBench:
         path = self._lights.keep(*self._now)
         self.kept = self._now
         if self._under_kept_light is not None:
-            self._relit = self._thread.submit(self._under_kept_light)
+            self._relit = self.submit(self._under_kept_light)
         return path
 
     def relit(self) -> SessionRequest | None:
@@ -154,13 +137,7 @@ class HandBench:
 
     def colors(self, before: Callable[[], NDArray[np.uint8]]) -> NDArray[np.uint8]:
         """The albedo as sRGB bytes, (V, 3) uint8; `before` it is ready what that returns."""
-        if self._now is None:
-            return before()
-        if self._exact is not None and self._exact[0] == self._now:
-            return self._exact[1]
-        if self._quick is None or self._quick[0] != self._now:
-            self._quick = self._now, self._bytes(self._now, False)
-        return self._quick[1]
+        return before() if self.shown is None else self.shown.result
 
     def map_of(self, number: int | None) -> NDArray[np.uint8]:
         """The map of an offered light, or of the present one for None: (MAP_WIDTH / 2, MAP_WIDTH, 3) uint8 sRGB."""
@@ -193,16 +170,18 @@ class HandBench:
             return "kept: the scene is being relit"
         return "kept: commands use it" if self.kept == self._now else "press 0 to keep it"
 
-    def close(self) -> None:
-        """End the thread."""
-        self._thread.shutdown(wait=False, cancel_futures=True)
-
     def _prepared(self) -> LightByHand:
-        lights = self.source.lights()
+        lights = self._source()
         first = lights.first
         lights.albedo(first, lights.offered[first].hand)  # which traces and compiles what a drag needs
         return lights
 
-    def _bytes(self, setting: Setting, exact: bool) -> NDArray[np.uint8]:
-        assert self._lights is not None
+    def _exactly(self, setting: Setting | None, _: Check) -> Callable[[], Bytes]:
+        return partial(self._bytes, setting, True)
+
+    def _quickly(self, setting: Setting | None, _: Answer[Setting | None, Bytes]) -> Callable[[], Bytes]:
+        return partial(self._bytes, setting, False)
+
+    def _bytes(self, setting: Setting | None, exact: bool) -> Bytes:
+        assert self._lights is not None and setting is not None  # or nothing is asked
         return bytes_from_unit(srgb_from_linear(self._lights.albedo(*setting, exact)))

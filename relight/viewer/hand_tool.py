@@ -1,18 +1,17 @@
-"""The captured light under the mouse: the map on which its sun is dragged, and the two clicks that find it."""
+"""The captured light under the mouse: maps of the offered lights and of the present one, on which its sun is dragged,
+and the two clicks that find it."""
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..light.sun_position import toward
 from .camera import ORBIT_DEG
+from .canvas import BAR, CHIP, DARK, DIM, MARGIN, ON, TEXT, Canvas, HotArea
 from .hand_bench import HandBench
-from .pointing import surface_at, tried
-
-if TYPE_CHECKING:
-    from .window_view import WindowView
+from .pointing import Tool, WindowView
 
 SUN_MAP, OFFER = "hand sun", "hand light"
 """Names of the hot areas: the map of the present light, and those of the offered lights, whose number follows."""
@@ -23,19 +22,28 @@ EDGE = "click the edge of a shadow"
 CASTER = "click what casts that edge: the corner or rim towards the sun"
 
 
-class HandTool:
-    """The captured light under the mouse and the keys of a Window."""
+CELL = 3
+LARGE = 2 * CELL
+"""Sides of a texel of a map, in units: of an offered light, and of the present one, whose sun is dragged."""
 
-    def __init__(self, window: "WindowView") -> None:
-        self._window = window
+GAP = 10
+LEFT = LINE = MARGIN
+"""Units: between maps, from the left edge, and the height of a name."""
+
+Hot = Callable[..., None]
+"""((left, base, width, height), name): an area that takes the mouse."""
+
+
+class HandTool(Tool):
+    """The captured light under the mouse and the keys of a Window. pointing: whether clicks point at a shadow."""
+
+    name = "hand"
+
+    def __init__(self, window: WindowView) -> None:
+        super().__init__(window)
         self.pointing = False
         self._edge: NDArray[np.float64] | None = None
-        self._aims: tuple[float, ...] | None = None
-
-    @property
-    def on(self) -> bool:
-        """Whether the captured light is being set."""
-        return self._window.session.state.by_hand and self._window.session.hand is not None
+        self._aims: tuple[float, ...] = ()
 
     @property
     def clicks(self) -> bool:
@@ -43,14 +51,12 @@ class HandTool:
         return self.on and self.pointing
 
     def toggle(self) -> None:
-        """Start or stop to set the captured light. It begins with the capture left of the line."""
-        session = self._window.session
-        if session.hand is None:
-            return
+        """As of Tool. It begins with the capture left of the line."""
         self.pointing, self._edge = False, None
-        shown = not session.state.by_hand
-        session.hand.prepare()
-        session.change(by_hand=shown, split=shown, placing=False, arranging=False)
+        super().toggle()
+        if self._window.session.hand is not None:
+            self._window.session.hand.prepare()
+            self._window.session.change(split=self.on)
 
     def next_light(self) -> None:
         """Begin with the next offered light."""
@@ -65,7 +71,7 @@ class HandTool:
 
     def click(self, x: float, y: float) -> None:
         """Take a click at a pixel: the edge of a shadow, then what casts it."""
-        hit = surface_at(self._window, self._bench.source, x, y)
+        hit = self.surface_at(x, y)
         if hit is None:
             self._window.note = "no surface there: " + (EDGE if self._edge is None else CASTER)
             return
@@ -73,29 +79,20 @@ class HandTool:
             self._edge, self._window.note = hit[0], CASTER
             return
         edge, self._edge, self.pointing, self._window.note = self._edge, None, False, ""
-        tried(self._window, lambda: self._window.session.set_hand(lambda bench: bench.point(edge, hit[0])))
+        self.tried(lambda: self._window.session.set_hand(lambda bench: bench.point(edge, hit[0])))
 
-    def grip(self, name: str, box: tuple[float, ...], x: float, y: float) -> bool:
-        """Take a press on a hot area, if it is a map; return whether it is."""
-        if name == SUN_MAP:
-            self._aims = box
-            self.aim(x, y)
-            return True
-        if name.startswith(OFFER):
-            number = int(name.removeprefix(OFFER))
+    def grip(self, hot: HotArea | None, x: float, y: float) -> bool:
+        """Take a press on one of its maps."""
+        if hot is not None and hot.name == SUN_MAP:
+            self.holds, self._aims = True, hot.box
+            self.drag(x, y, False)
+        elif hot is not None and hot.name.startswith(OFFER):
+            number = int(hot.name.removeprefix(OFFER))
             self._window.session.set_hand(lambda bench: bench.choose(number))
-            return True
-        return False
+        return hot is not None and hot.name.startswith((SUN_MAP, OFFER))
 
-    @property
-    def holds(self) -> bool:
-        """Whether the sun is dragged on its map."""
-        return self._aims is not None
-
-    def aim(self, x: float, y: float) -> None:
+    def drag(self, x: float, y: float, shift: bool) -> None:
         """Put the sun where a pixel of the map is."""
-        if self._aims is None:
-            return
         left, base, width, height = self._aims
         longitude = math.pi * (1.0 - 2.0 * (x - left) / width)
         height_deg = 180.0 * (y - base) / height - 90.0
@@ -103,10 +100,6 @@ class HandTool:
         azimuth = math.degrees(math.atan2(level[0], -level[2]))
         changes = {"azimuth_deg": azimuth, "height_deg": max(height_deg, LOWEST_DEG)}
         self._window.session.set_hand(lambda bench: bench.change(**changes))
-
-    def let_go(self) -> None:
-        """End a drag."""
-        self._aims = None
 
     def turn(self, right: float, up: float) -> None:
         """Move the sun by a drag in the picture, in heights of the window."""
@@ -127,7 +120,7 @@ class HandTool:
             if path is not None:
                 self._window.note = f"kept in {path}: commands use it from now on"
 
-        tried(self._window, keep)
+        self.tried(keep)
 
     @property
     def _bench(self) -> HandBench:
@@ -140,3 +133,54 @@ def place_on_map(azimuth_deg: float, height_deg: float) -> tuple[float, float]:
     """Where a sun stands on a lat-long map: parts of its width from the left, and of its height from below."""
     x, _, z = toward(azimuth_deg, height_deg)
     return (0.5 - math.atan2(x, z) / (2.0 * math.pi)) % 1.0, 0.5 + height_deg / 180.0
+
+
+def draw_hand(canvas: Canvas, bench: HandBench, top: float, hot: Hot) -> None:
+    """Draw the maps below a height: the present light first, then the offered ones."""
+    if not bench.ready:
+        return
+    present = bench.map_of(None)
+    width, height = LARGE * present.shape[1], LARGE * present.shape[0]
+    base = top - GAP - LINE - height
+    names = [_name(bench, number) for number in range(len(bench.offered))]
+    wide = max(width, *(CELL * present.shape[1] + GAP + canvas.width(name) for name in names))
+    small = CELL * present.shape[0] + GAP
+    low = base - GAP - len(names) * small
+    canvas.rectangle(LEFT - 8, low, wide + 16, top - low, BAR)
+    canvas.text(LEFT, base + height + 5, "captured light: drag its sun", TEXT)
+    _map(canvas, present, LEFT, base, LARGE)
+    right, up = place_on_map(bench.hand.azimuth_deg, bench.hand.height_deg)
+    if bench.hand.sun_share > 0.0:
+        x, y = LEFT + right * width, base + up * height
+        canvas.rectangle(x - 5, y - 5, 10, 10, (*DARK, 255))
+        canvas.rectangle(x - 3, y - 3, 6, 6, ON)
+    hot((LEFT, base, width, height), SUN_MAP)
+    for number, name in enumerate(names):
+        base -= small
+        shown, used = bench.map_of(number), number == bench.number
+        across, tall = CELL * shown.shape[1], CELL * shown.shape[0]
+        canvas.rectangle(LEFT - 2, base - 2, across + 4, tall + 4, ON if used else CHIP)
+        _map(canvas, shown, LEFT, base, CELL)
+        canvas.text(LEFT + across + GAP, base + tall / 2 - 4, name, TEXT if used else DIM)
+        hot((LEFT - 2, base - 2, wide, tall + 4), f"{OFFER}{number}")
+
+
+def _name(bench: HandBench, number: int) -> str:
+    entry = bench.offered[number].entry
+    if entry.by_hand:
+        return f"{number + 1}  {entry.name}"
+    share = 100.0 * entry.share
+    return f"{number + 1}  {entry.name}, " + (f"{share:.0f} %" if share >= 0.5 else "below 1 %")
+
+
+def _map(canvas: Canvas, shown: NDArray[np.uint8], left: float, base: float, cell: float) -> None:
+    """Draw a map, (rows, columns, 3) uint8, as runs of one colour along its rows."""
+    rows, columns = shown.shape[:2]
+    for row in range(rows):
+        start = 0
+        for column in range(1, columns + 1):
+            if column == columns or (shown[row, column] != shown[row, start]).any():
+                red, green, blue = (int(each) for each in shown[row, start])
+                place = left + start * cell, base + (rows - 1 - row) * cell
+                canvas.rectangle(*place, (column - start) * cell, cell, (red, green, blue, 255))
+                start = column

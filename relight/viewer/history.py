@@ -1,11 +1,7 @@
 """Undo for a session: all its states of lamps and objects. Independent of the window."""
 
-from collections.abc import Callable, Hashable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Hashable
 from typing import Any
-
-MOST_CHANGES = 1000
-"""Largest number of changes that can be undone."""
 
 
 class Timeline:
@@ -16,7 +12,6 @@ class Timeline:
         self._states: list[dict[str, Any]] = [{}]
         self._at = 0
         self._merging: Hashable = None
-        self._joins: bool | None = None  # of changes that are undone as one: whether the first was made
 
     @property
     def kept(self) -> bool:
@@ -40,23 +35,20 @@ class Timeline:
         """Change the state of a thing. merge: changes of it in a row that share it are undone as one."""
         key, changed = None if merge is None else (name, merge), {**self._states[self._at], name: state}
         del self._states[self._at + 1 :]
-        if self._joins or (key is not None and key == self._merging):
+        if key is not None and key == self._merging:
             self._states[self._at] = changed
         else:
             self._states.append(changed)
-            del self._states[: -MOST_CHANGES - 1]
         self._at, self._merging = len(self._states) - 1, key
-        self._joins = self._joins is not None or None
         self.changed()
 
-    @contextmanager
-    def together(self) -> Iterator[None]:
-        """All changes inside are undone as one."""
-        self._joins = False
-        try:
-            yield
-        finally:
-            self._joins = None
+    def reset(self) -> None:
+        """Bring all things to their start, as one change."""
+        start, self._merging = self._states[0], None
+        if self._states[self._at] != start:
+            self._states[self._at + 1 :] = [start]
+            self._at += 1
+            self.changed()
 
     def end_merge(self) -> None:
         """Make the next change separate."""

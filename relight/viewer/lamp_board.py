@@ -13,7 +13,6 @@ from splat2mesh.base.specs import vector
 from splat2mesh.scene.color import luminance
 
 from ..lamps.asked import LARGEST_EV, AskedLamp, Brightness, LampScale, resolve
-from ..lamps.color import WHITE
 from ..lamps.fields import changed
 from ..lamps.moving import shifted
 from ..lamps.photometry import axis_intensity
@@ -161,11 +160,6 @@ class LampBoard:
         if captured != self.state.captured:
             self._to(replace(self.state, captured=captured), merge)
 
-    def reset(self) -> None:
-        """Reset everything, as a change like others."""
-        if self.state != self.start:
-            self._to(self.start)
-
     @property
     def selected_ev(self) -> float:
         """Brightness of the selected lamp in EV: 0 equals the captured light at 1 m; dark is -40. 0 without one."""
@@ -197,14 +191,8 @@ class LampBoard:
     def _checked(self, asked: AskedLamp) -> AskedLamp:
         """The lamp, if it can be lit. Raises InputError for one too bright."""
         if self._scale is not None:
-            for each in (asked, without_color(asked)):
-                resolve(each, self._scale())
+            resolve(asked, self._scale())
         return asked
-
-
-def without_color(asked: AskedLamp) -> AskedLamp:
-    """The lamp without its colour."""
-    return replace(asked, color=WHITE)
 
 
 def bulb_at(position: Triple) -> AskedLamp:

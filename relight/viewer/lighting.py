@@ -39,15 +39,12 @@ if TYPE_CHECKING:
     from ..transfer.volume import Foliage
 
 SPARE = 8
-"""What is kept for a return: relighters and plans by tolerance; of lamps states and glimpses, and terms beside those of
-the present lamps, 2.4 to 3.6 MB each for 100,000 vertices."""
+"""What is kept for a return: relighters and plans by tolerance, and exact answers of a Bench, 2.4 to 3.6 MB each for
+100,000 vertices."""
 
 SAMPLE_RAYS = 1024
 """Rays from each of these vertices that gather bounced light: a quarter of the noise of the engine's 64."""
 
-
-UNSHADOWED_BANDS = 5
-"""Bands of light without shadows: Lambert's lobe has 0.4% of its energy beyond them."""
 
 SKY_WIDTH = 2 * WIDTH
 """Most columns of the sky behind the scene."""
@@ -169,7 +166,7 @@ class SessionLighting:
         return SessionLight(coefficients, np.asarray(sky, np.float32), "; ".join(str(w.message) for w in caught))
 
     def _unshadowed(self, wish: LightWish) -> NDArray:
-        return np.asarray(analytic(self.scene.normals, UNSHADOWED_BANDS), np.float32)
+        return np.asarray(analytic(self.scene.normals, SPREAD_BANDS), np.float32)
 
     def _transfer(self, wish: LightWish) -> NDArray | None:
         relighter, plan = self._planned(wish)

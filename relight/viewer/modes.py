@@ -53,9 +53,9 @@ MODES = {
 def surface_colors(session: "Session") -> NDArray:
     """The colours of the surface in the present mode, (V, 3) uint8 sRGB: the captured ones before the first light."""
     mode, state, hand = MODES[session.state.mode], session.state, session.hand
-    if hand is not None and state.by_hand:
+    if hand is not None and state.tool == "hand":
         return hand.colors(lambda: session.scene.colors_srgb)
-    if session.parts is not None and state.parts:
+    if session.parts is not None and state.tool == "parts":
         return session.parts.tinted(mode.colors(session))
     if mode.lights:
         return mode.colors(session)

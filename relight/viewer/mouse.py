@@ -9,10 +9,10 @@ from .hand_tool import HandTool
 from .lamp_tool import LampTool
 from .object_tool import ObjectTool
 from .part_tool import PartTool
+from .pointing import Tool, WindowView
 
 if TYPE_CHECKING:
-    from .panel import HotArea
-    from .window_view import WindowView
+    from .canvas import HotArea
 
 STILL = 4
 """Most pixels that the mouse moves within a click."""
@@ -22,12 +22,14 @@ class Mouse:
     """The actions of the mouse in a Window. lamps: the LampTool. objects: the ObjectTool. hand: the HandTool. parts:
     the PartTool."""
 
-    def __init__(self, window: "WindowView") -> None:
+    def __init__(self, window: WindowView) -> None:
         self._window = window
         self.lamps: LampTool = LampTool(window)
         self.objects: ObjectTool = ObjectTool(window)
         self.hand: HandTool = HandTool(window)
         self.parts: PartTool = PartTool(window)
+        self._tools = self.objects, self.hand, self.lamps, self.parts
+        self._holder: Tool | None = None
         self._drag: tuple[str, HotArea | None, tuple[int, int]] | None = None
         self._clicks: tuple[int, int] | None = None  # where a click would add a lamp, a part, or point at a shadow
 
@@ -39,17 +41,14 @@ class Mouse:
             x, y = window.pointer
             hot = next((hot for hot in window.panel.hot if hot.holds(x, y)), None) if button == "Left" else None
             self._drag = button, hot, (x, y)
-            self._clicks = None
-            if hot is None and button == "Left" and self.objects.grip(x, y):
+            self._clicks = self._holder = None
+            if button == "Left":
+                self._holder = next((tool for tool in self._tools if tool.grip(hot, x, y)), None)
+            if self._holder is not None:
                 return
             if hot is None:
-                takes = button == "Left" and (self.lamps.on or self.hand.clicks or self.parts.on)
-                takes = takes and not window.shift
+                takes = button == "Left" and not window.shift and any(tool.clicks for tool in self._tools)
                 self._clicks = (x, y) if takes else None
-            elif self.hand.grip(hot.name, hot.box, x, y):
-                return
-            elif hot.lamp is not None:
-                self.lamps.grip(hot.lamp, x, y)
             elif hot.value is None:
                 window.press_key(hot.name)
             elif hot.name in [slider.field for slider in SLIDERS]:
@@ -64,11 +63,9 @@ class Mouse:
         window = self._window
         button, hot, (before_x, before_y) = self._drag
         x, y = window.pointer
-        if self.objects.holds:
-            self.objects.drag(x, y, window.shift)
-            return
-        if self.hand.holds:
-            self.hand.aim(x, y)
+        if self._holder is not None:
+            if self._holder.holds:
+                self._holder.drag(x, y, window.shift)
             return
         if self._clicks is not None:
             if max(abs(x - self._clicks[0]), abs(y - self._clicks[1])) <= STILL:
@@ -78,9 +75,7 @@ class Mouse:
         width, height = window.size
         right, up = (x - before_x) / height, (y - before_y) / height
         if hot is not None:
-            if hot.lamp is not None:
-                self.lamps.drag(x, y, window.shift)
-            elif hot.value is not None:
+            if hot.value is not None:
                 self._set(hot, x, y)
         elif button == "Right" or (button == "Left" and window.shift):
             self._turn(right, up)
@@ -100,12 +95,10 @@ class Mouse:
     def release(self) -> None:
         """Handle the release of a button."""
         if self._clicks is not None:
-            tool = self.parts.click if self.parts.on else self.hand.click if self.hand.clicks else self.lamps.put
-            tool(*self._clicks)
-        self.hand.let_go()
-        self.lamps.let_go()
-        self.objects.let_go()
-        self._drag = self._clicks = None
+            next(tool for tool in self._tools if tool.clicks).click(*self._clicks)
+        for tool in self._tools:
+            tool.let_go()
+        self._drag = self._clicks = self._holder = None
 
     def _set(self, hot: "HotArea", x: float, y: float) -> None:
         assert hot.value is not None

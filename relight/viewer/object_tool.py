@@ -5,14 +5,11 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .pointing import tried
+from .pointing import Tool, WindowView
 
 if TYPE_CHECKING:
+    from .canvas import HotArea
     from .object_bench import ObjectBench
-    from .window_view import WindowView
-
-LEAST_DOWN = 0.02
-"""Least slope of a ray to the ground: flatter rays meet it too far away."""
 
 
 class ObjectGrip(NamedTuple):
@@ -26,35 +23,27 @@ class ObjectGrip(NamedTuple):
     unit: float
 
 
-class ObjectTool:
+class ObjectTool(Tool):
     """Objects under the mouse and the keys of a Window. selected: the number of the object that keys turn."""
 
-    def __init__(self, window: "WindowView") -> None:
-        self._window, self.selected = window, 0
+    name = "objects"
+
+    def __init__(self, window: WindowView) -> None:
+        super().__init__(window)
+        self.selected = 0
         self._grip: ObjectGrip | None = None
 
     @property
-    def on(self) -> bool:
-        """Whether drags move objects."""
-        return self._window.session.state.arranging and self._bench is not None
+    def clicks(self) -> bool:
+        """Clicks are for the camera."""
+        return False
 
-    @property
-    def holds(self) -> bool:
-        """Whether an object is being dragged."""
-        return self._grip is not None
-
-    def toggle(self) -> None:
-        """Start or stop moving objects."""
-        session = self._window.session
-        if session.objects is not None:
-            session.change(arranging=not session.state.arranging, placing=False)
-
-    def grip(self, x: float, y: float) -> bool:
-        """Start to drag the object at a pixel; return whether there is one."""
+    def grip(self, hot: "HotArea | None", x: float, y: float) -> bool:
+        """Start to drag the object at a pixel."""
         bench = self._bench
-        if not self.on or bench is None or bench.shown is None:
+        if hot is not None or not self.on or bench is None or bench.shown is None:
             return False
-        standing = bench.shown.light.standing
+        standing = bench.shown.result.standing
         eye, direction = self._window.orbit.ray(x, y, self._window.size)
         frame = standing.frame
         ray = np.concatenate([frame.unit(eye[None])[0], direction])[None].astype(np.float32)
@@ -67,33 +56,32 @@ class ObjectTool:
         self._grip = ObjectGrip(
             self.selected, place, bench.placed[self.selected].at, y, depth / self._window.orbit.focal(self._window.size)
         )
+        self.holds = True
         return True
 
-    def drag(self, x: float, y: float, upright: bool) -> None:
-        """Move the dragged object to a pixel: at the height of the gripped point, or up and down."""
+    def drag(self, x: float, y: float, shift: bool) -> None:
+        """Move the dragged object to a pixel: at the height of the gripped point, or with shift up and down."""
         grip, bench = self._grip, self._bench
         if grip is None or bench is None:
             return
-        if upright:
-            shift = np.array([0.0, (y - grip.y) * grip.unit, 0.0])
+        if shift:
+            way = np.array([0.0, (y - grip.y) * grip.unit, 0.0])
         else:
             eye, direction = self._window.orbit.ray(x, y, self._window.size)
-            away = (grip.place[1] - eye[1]) / direction[1] if abs(direction[1]) > LEAST_DOWN else -1.0
-            shift = eye + away * direction - grip.place
-            if not (away > 0.0 and np.linalg.norm(shift) < self._window.session.scene.diagonal):
+            away = (grip.place[1] - eye[1]) / (direction[1] or np.inf)
+            way = eye + away * direction - grip.place
+            if not (away > 0.0 and np.linalg.norm(way) < self._window.session.scene.diagonal):
                 return
-        motion = bench.source.scene_from_splat[:3, :3]
-        dx, dy, dz = np.linalg.solve(motion, shift)
+        dx, dy, dz = np.subtract(self.in_splat(grip.place + way), self.in_splat(grip.place)).tolist()
         x0, y0, z0 = grip.at
-        self._put(grip.number, (x0 + dx, y0 + dy, z0 + dz), lifted=upright)
+        self._put(grip.number, (x0 + dx, y0 + dy, z0 + dz), lifted=shift)
 
     def let_go(self) -> None:
-        """End the drag."""
+        """As of Tool; show the options of what was dragged."""
         if self._grip is not None:
             self._tell(self._grip.number)
-            assert self._bench is not None
-            self._bench.timeline.end_merge()
         self._grip = None
+        super().let_go()
 
     def turn(self, angle_deg: float) -> None:
         """Turn the selected object about the vertical, counter-clockwise from above."""
@@ -113,7 +101,7 @@ class ObjectTool:
         merge = ("drag", number) if self.holds else None
         bench = self._bench
         assert bench is not None
-        tried(self._window, lambda: bench.put(number, at, turn_deg, lifted, merge))
+        self.tried(lambda: bench.put(number, at, turn_deg, lifted, merge))
 
     def _tell(self, number: int) -> None:
         """Show the options that place the object at its present pose."""

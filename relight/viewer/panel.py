@@ -8,9 +8,9 @@ import numpy as np
 from ..output.kinds import PICTURE_SIZE
 from ..planning.decide import SAMPLE_VERTICES
 from ..transfer.settings import BOUNCES, SUN
-from .canvas import BAR, CHIP, DARK, DIM, HANDLE, IDLE, KEY, MARGIN, ON, TEXT, WARNING, Canvas
+from .canvas import BAR, CHIP, DARK, DIM, HANDLE, IDLE, KEY, MARGIN, ON, TEXT, WARNING, Canvas, HotArea
 from .controls import CONTROLS, MOUSE, SLIDERS, Control, Slider, key_name
-from .hand_panel import draw_hand
+from .hand_tool import draw_hand
 from .lighting import STAGES, FinishedShading
 from .splats import WAITING
 from .state import RANGES
@@ -34,9 +34,9 @@ CURVE = 2 * BOTTOM, BOTTOM
 """Width and height of the curve of a plan."""
 
 _GAP = MARGIN // 2
-_HELP_WIDTH, _HELP_ROW = DESIGN_SIZE[0] - 2 * BOTTOM, 21
+_HELP_WIDTH = DESIGN_SIZE[0] - 2 * BOTTOM
 _CHIP_ROOM = CURVE[0]  # for the text of a button: a long name must not push others out of the window
-_MARK = 5  # half the width of the mark of a lamp
+_MARK = MARGIN // 3  # half the width of the mark of a lamp
 
 
 def scale_of(size: tuple[int, int]) -> float:
@@ -48,24 +48,6 @@ def bars_of(size: tuple[int, int]) -> tuple[float, float]:
     """Shares of the height of a window that the bars above and below take."""
     scale = scale_of(size)
     return scale * TOP / size[1], scale * BOTTOM / size[1]
-
-
-class HotArea(NamedTuple):
-    """A part of the window that takes the mouse. box: left, bottom, width, height in pixels.
-
-    name: key of a control, field of a slider, or "split". value: of a mouse position, the resulting slider value.
-    lamp: the number of the lamp there.
-    """
-
-    box: tuple[float, ...]
-    name: str
-    value: Callable[[float, float], float] | None = None
-    lamp: int | None = None
-
-    def holds(self, x: float, y: float) -> bool:
-        """Whether a position is inside."""
-        left, bottom, width, height = self.box
-        return left <= x < left + width and bottom <= y < bottom + height
 
 
 class OfWindow(NamedTuple):
@@ -115,7 +97,7 @@ class Panel:
             self._bottom(session, units, own.note)
             if session.state.help:
                 self._help(session, units)
-            elif session.state.by_hand and session.hand is not None:
+            elif session.uses("hand") and session.hand is not None:
                 draw_hand(self._canvas, session.hand, units[1] - TOP, self._hot)
         return self._canvas.show()
 
@@ -139,7 +121,7 @@ class Panel:
     def _bottom(self, session: "Session", units: Units, note: str) -> None:
         width, _ = units
         self._canvas.rectangle(0, 0, width, BOTTOM, BAR)
-        hand = session.state.by_hand
+        hand = session.uses("hand")
         self._curve(session, width - MARGIN - CURVE[0], BOTTOM + 60)
         sliders = [slider for slider in SLIDERS if slider.there(session) and slider.of_hand == hand]
         each = (width - 2 * MARGIN - 2 * (len(sliders) - 1) * _GAP) / len(sliders)
@@ -198,7 +180,7 @@ class Panel:
     def _curve(self, session: "Session", left: float, base: float) -> None:
         """What tolerances cost on this scene under this light: seconds upwards, both logarithmic; a click takes one."""
         state, newest, (low, high) = session.state, session.answers.newest("shading"), RANGES["tolerance"]
-        if newest is None or state.mode != "relit" or state.by_hand or state.help:
+        if newest is None or state.mode != "relit" or session.uses("hand") or state.help:
             return
         lit: FinishedShading = newest[1]
         points = [point for point in lit.curve if low <= point[1] <= high]
@@ -242,7 +224,7 @@ class Panel:
         self._canvas.rectangle(x - 4, middle - 18, 8, 36, HANDLE)
         scale = self._canvas.scale
         if panel:
-            after = "albedo" if session.state.by_hand else "relit"
+            after = "albedo" if session.uses("hand") else "relit"
             for text, left in (("captured", x - 14 - self._canvas.width("captured")), (after, x + 14)):
                 if left > 8 and left + self._canvas.width(text) < width - 8:
                     self._canvas.rectangle(left - 7, high - 34, self._canvas.width(text) + 14, 20, BAR)
@@ -266,14 +248,14 @@ class Panel:
         width, height = units
         rows = [(key_name(control), control.text) for control in CONTROLS if control.there(session)] + list(MOUSE)
         half = -(-len(rows) // 2)
-        tall = half * _HELP_ROW + 2 * MARGIN
-        left = (width - _HELP_WIDTH) / 2
-        base = BOTTOM + 60 + max(0, (height - TOP - BOTTOM - 60 - tall) / 2)
+        left, base = (width - _HELP_WIDTH) / 2, BOTTOM + 60
+        tall = height - TOP - base
+        step = (tall - 2 * MARGIN) / half
         self._canvas.rectangle(left, base, _HELP_WIDTH, tall, (*BAR[:3], 240))
         columns = (rows[:half], 16, 62), (rows[half:], 400, 470)
         for part, key_at, text_at in columns:
             for row, (key, text) in enumerate(part):
-                y = base + tall - MARGIN - (row + 1) * _HELP_ROW + 6
+                y = base + tall - MARGIN - (row + 1) * step + 6
                 self._canvas.text(left + key_at, y, key, ON[:3], KEY)
                 self._canvas.text(left + text_at, y, text, TEXT)
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from splat2mesh.base.arrays import Mask, Vector
+from splat2mesh.base.arrays import Mask, Triple
 from splat2mesh.scene.color import bytes_from_unit, linear_from_srgb, srgb_from_linear
 
 from ..albedo.by_hand import HandLight
@@ -19,7 +19,7 @@ from ..output.sheet import MARK
 from ..splats.grown_part import GrowingSurface
 from ..splats.kept_parts import keep_part
 from .history import Timeline
-from .sources import PartSource
+from .request import PartSource
 
 REACH = 0.12
 """Of a first click, by `scripts/fit parts`: of those tried, a third of an octave apart, the one with most in common
@@ -78,11 +78,9 @@ class PartBench:
         """Of the last click, or of the next one."""
         return self.clicks[-1].reach if self.clicks else self._reach
 
-    def add(self, place: Vector) -> None:
-        """Add what grows from a place (3,) of the surface, scene frame."""
-        back = np.linalg.inv(self.source.scene_from_splat)
-        x, y, z = (float(each) for each in back[:3, :3] @ place + back[:3, 3])
-        self._to(clicks=(*self.clicks, PartClick((x, y, z), self.reach)))
+    def add(self, place: Triple) -> None:
+        """Add what grows from a place of the surface, in the frame of the splat."""
+        self._to(clicks=(*self.clicks, PartClick(place, self.reach)))
 
     def reach_to(self, reach: float) -> None:
         """Set how far the last click reaches, and the next ones."""
@@ -97,11 +95,6 @@ class PartBench:
 
     def _to(self, merge: Hashable = None, **changes: Any) -> None:
         self.timeline.to(_NAME, replace(self.made, **changes), merge)
-
-    def reset(self) -> None:
-        """Begin a new part."""
-        if self.made != PartMade():
-            self.timeline.to(_NAME, PartMade())
 
     @property
     def vertices(self) -> Mask:
@@ -139,5 +132,5 @@ class PartBench:
         """Write the part into the folder of the scene and begin a new one: its name, and the folder. Raises InputError
         for an empty part and a folder that cannot be written."""
         name = keep_part(self.source.folder, self.splats, self.made.light)
-        self.reset()
+        self.timeline.to(_NAME, PartMade())
         return name, self.source.folder

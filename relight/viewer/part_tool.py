@@ -1,43 +1,28 @@
 """Parts of the capture under the mouse: a click on a surface grows one, a slider says how far, a key keeps it."""
 
-from typing import TYPE_CHECKING
-
 from .part_bench import PartBench
-from .pointing import surface_at, tried
-
-if TYPE_CHECKING:
-    from .window_view import WindowView
+from .pointing import Tool
 
 CLICK = "click what belongs to the part"
 
 
-class PartTool:
-    """Parts under the mouse and the keys of a Window."""
+class PartTool(Tool):
+    """Parts under the mouse and the keys of a Window. The mesh shows meanwhile: parts grow on it."""
 
-    def __init__(self, window: "WindowView") -> None:
-        self._window = window
-
-    @property
-    def on(self) -> bool:
-        """Whether a part is being made."""
-        return self._window.session.state.parts and self._window.session.parts is not None
+    name = "parts"
 
     def toggle(self) -> None:
-        """Start or stop to make parts. The mesh shows meanwhile: parts grow on it."""
-        session = self._window.session
-        if session.parts is None:
-            return
-        starts = not session.state.parts
-        session.change(parting=starts, placing=False, arranging=False, by_hand=False)
-        self._window.note = CLICK if starts else ""
+        """As of Tool."""
+        super().toggle()
+        self._window.note = CLICK if self.on else ""
 
     def click(self, x: float, y: float) -> None:
         """Add what grows from the surface at a pixel."""
-        hit = surface_at(self._window, self._bench.source, x, y)
+        hit = self.surface_at(x, y)
         if hit is None:
             self._window.note = f"no surface there: {CLICK}"
             return
-        tried(self._window, lambda: self._bench.add(hit[0]))
+        self.tried(lambda: self._bench.add(self.in_splat(hit[0])))
         self._tell()
 
     def reach_to(self, reach: float) -> None:
@@ -60,7 +45,7 @@ class PartTool:
             name, folder = self._bench.keep()
             self._window.note = f"kept as {name}: relight {folder} {option} {name}"
 
-        tried(self._window, keep)
+        self.tried(keep)
 
     def _tell(self) -> None:
         if self._bench.clicks:

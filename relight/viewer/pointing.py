@@ -1,35 +1,132 @@
-"""What the tools under the mouse share: the surface at a pixel, and a change that may be refused."""
+"""What the tools under the mouse share: when they act, the surface at a pixel, and a change that may be refused."""
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from splat2mesh.base.arrays import Triple
 from splat2mesh.base.errors import InputError
 
 if TYPE_CHECKING:
-    from .sources import HandSource, LampSource, PartSource
-    from .window_view import WindowView
+    from splat2mesh.render.raycaster import RayCaster
+
+    from .camera import Orbit
+    from .canvas import HotArea
+    from .session import Session
 
 
-def surface_at(
-    window: "WindowView", source: "LampSource | HandSource | PartSource", x: float, y: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-    """The surface point at a pixel, from the lower left, and its unit normal towards the eye; None without one."""
-    eye, direction = window.orbit.ray(x, y, window.size)
-    hits = source.first_hits(np.concatenate([eye, direction])[None].astype(np.float32))
-    distance = float(hits.distance[0])
-    if not math.isfinite(distance):
-        return None
-    normal = hits.normals[0].astype(np.float64)
-    return eye + distance * direction, normal if normal @ direction < 0.0 else -normal
+class WindowView(Protocol):
+    """What keys, mouse, tools and recordings use of a `window.Window`, which documents it."""
+
+    session: "Session"
+    orbit: "Orbit"
+    mouse: Any
+    panel: Any
+    note: str
+
+    @property
+    def size(self) -> tuple[int, int]: ...
+
+    @property
+    def caster(self) -> "RayCaster": ...
+
+    @property
+    def pointer(self) -> tuple[int, int]: ...
+
+    @property
+    def shift(self) -> bool: ...
+
+    def look(self, orbit: "Orbit") -> None: ...
+
+    def press_key(self, key: str) -> None: ...
+
+    def picture(self, panel: bool = True) -> NDArray: ...
+
+    def save_picture(self) -> None: ...
+
+    def record(self) -> None: ...
+
+    def recorded(self, note: str) -> None: ...
+
+    def reset(self) -> None: ...
+
+    def quit(self) -> None: ...
 
 
-def tried(window: "WindowView", change: Callable[[], object]) -> None:
-    """Make a change; show a message if it is refused."""
-    try:
-        change()
-    except (OSError, InputError) as error:
-        window.note = str(error)
+class Tool:
+    """What mouse and keys change in a Window while `State.tool` is `name`. Pixels count from the lower left.
+
+    holds: whether something is being dragged.
+    """
+
+    name = ""
+
+    def __init__(self, window: WindowView) -> None:
+        self._window = window
+        self.holds = False
+
+    @property
+    def on(self) -> bool:
+        """Whether the mouse acts on it."""
+        return self._window.session.uses(self.name)
+
+    @property
+    def clicks(self) -> bool:
+        """Whether clicks on the scene are for it."""
+        return self.on
+
+    def toggle(self) -> None:
+        """Start or stop to use it."""
+        session = self._window.session
+        if getattr(session, self.name) is not None:
+            session.change(tool="" if self.on else self.name)
+
+    def grip(self, hot: "HotArea | None", x: float, y: float) -> bool:
+        """Take a press at a pixel, on a hot area or none, to drag something; return whether it is for this tool."""
+        return False
+
+    def drag(self, x: float, y: float, shift: bool) -> None:
+        """Drag what is held to a pixel. shift: whether that key is down."""
+
+    def let_go(self) -> None:
+        """End a drag; later changes are undone separately."""
+        self.holds = False
+        self._window.session.timeline.end_merge()
+
+    def click(self, x: float, y: float) -> None:
+        """Take a click on the scene."""
+
+    def surface_at(self, x: float, y: float) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+        """The surface point at a pixel and its unit normal towards the eye, scene frame; None without one."""
+        eye, direction = self._window.orbit.ray(x, y, self._window.size)
+        hits = self._window.caster.first_hits(np.concatenate([eye, direction])[None].astype(np.float32))
+        distance = float(hits.distance[0])
+        if not math.isfinite(distance):
+            return None
+        normal = hits.normals[0].astype(np.float64)
+        return eye + distance * direction, normal if normal @ direction < 0.0 else -normal
+
+    def in_scene(self, place: ArrayLike) -> NDArray[np.float64]:
+        """A position (3,) of the frame of the splat in that of the scene."""
+        motion = self._motion
+        return np.asarray(motion[:3, :3] @ np.asarray(place, np.float64) + motion[:3, 3])
+
+    def in_splat(self, place: NDArray[np.float64]) -> Triple:
+        """The same the other way round."""
+        motion = self._motion
+        x, y, z = (float(each) for each in np.linalg.solve(motion[:3, :3], place - motion[:3, 3]))
+        return x, y, z
+
+    def tried(self, change: Callable[[], object]) -> None:
+        """Make a change; show a message if it is refused."""
+        try:
+            change()
+        except (OSError, InputError) as error:
+            self._window.note = str(error)
+
+    @property
+    def _motion(self) -> NDArray[np.float64]:
+        return np.asarray(self._window.session.scene.scene_from_splat, np.float64)

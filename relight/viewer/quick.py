@@ -1,14 +1,13 @@
-"""Two compiled passes that run for every picture: coefficients to radiance, and radiance to the bytes of a screen.
+"""Two passes that run for every picture: coefficients to radiance, and radiance to the bytes of a screen.
 
-NumPy takes several times as long for either, mostly for products with three columns and temporary arrays.
+The second is compiled, since NumPy takes many times as long for it.
 """
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from splat2mesh.base.kernels import kernel
-from splat2mesh.base.threads import in_slices, read_only
+from splat2mesh.base.threads import in_batches, in_slices, read_only
 from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
 
 from ..light.tonemap import DESATURATION, SHOULDER_START
@@ -26,13 +25,17 @@ def harmonic_light(
     bounced: NDArray | None = None,  # (3, V, K'') float32, what bounces add for each colour; it holds the albedo
 ) -> NDArray:
     """Exit radiance (V, 3) float32: albedo * max(transfer c, 0) + bounced c, and nothing below 0."""
-    columns = np.ascontiguousarray(np.asarray(coefficients, np.float32).T)
-    radiance = np.zeros((len(transfer), 3), np.float32)
-    albedo = np.ones((1, 3), np.float32) if albedo is None else albedo
-    bounced = np.zeros((3, len(transfer), 0), np.float32) if bounced is None else bounced
-    in_slices(
-        _light, len(transfer), np.ascontiguousarray(transfer, np.float32), columns, read_only(albedo), bounced, radiance
-    )
+    columns, radiance = np.asarray(coefficients, np.float32), np.zeros((len(transfer), 3), np.float32)
+
+    def light(part: slice) -> None:
+        found = np.maximum(transfer[part] @ columns[: transfer.shape[1]], 0.0)
+        if albedo is not None:
+            found *= albedo[part]
+        for channel, more in enumerate(() if bounced is None else bounced):
+            found[:, channel] += more[part] @ columns[: more.shape[1], channel]
+        np.maximum(found, 0.0, out=radiance[part])
+
+    in_batches(light, len(transfer))
     return radiance
 
 
@@ -52,35 +55,8 @@ def display_bytes(
 
 
 def prepare() -> None:
-    """Compile these kernels or load them compiled, before the first picture would wait seconds for it."""
-    light = harmonic_light(np.zeros((2, 1), np.float32), np.zeros((1, 3)))
-    display_bytes(light, 1.0)
-
-
-@njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"})
-def _light(
-    begin: int, end: int, transfer: NDArray, columns: NDArray, albedo: NDArray, bounced: NDArray, radiance: NDArray
-) -> None:
-    """Three dot products at once for each vertex; the relaxed order of sums lets them run in vectors."""
-    count, more = transfer.shape[1], bounced.shape[2]
-    for v in range(begin, end):
-        red, green, blue = np.float32(0.0), np.float32(0.0), np.float32(0.0)
-        for k in range(count):
-            value = transfer[v, k]
-            red += value * columns[0, k]
-            green += value * columns[1, k]
-            blue += value * columns[2, k]
-        row = v if len(albedo) > 1 else 0
-        red = max(red, np.float32(0.0)) * albedo[row, 0]
-        green = max(green, np.float32(0.0)) * albedo[row, 1]
-        blue = max(blue, np.float32(0.0)) * albedo[row, 2]
-        for k in range(more):
-            red += bounced[0, v, k] * columns[0, k]
-            green += bounced[1, v, k] * columns[1, k]
-            blue += bounced[2, v, k] * columns[2, k]
-        radiance[v, 0] = max(red, np.float32(0.0))
-        radiance[v, 1] = max(green, np.float32(0.0))
-        radiance[v, 2] = max(blue, np.float32(0.0))
+    """Compile the kernel or load it compiled, before the first picture would wait seconds for it."""
+    display_bytes(np.zeros((2, 3), np.float32), 1.0)
 
 
 @kernel

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from splat2mesh.base.choices import DEFAULT_FPS
 from splat2mesh.base.errors import InputError
@@ -15,7 +16,7 @@ from splat2mesh.base.errors import InputError
 from .request import Turntable
 
 if TYPE_CHECKING:
-    from .window_view import WindowView
+    from .pointing import WindowView
 
 KINDS = ".gif", ".mp4"
 
@@ -54,10 +55,9 @@ class Recording:
         if session.failure:
             self.stop(session.failure)
             return
+        session.change(angle_deg=self._state.angle_deg + 360.0 * self._done / self._asked.frames)
         if not session.settled:
             session.hurry()
-            return
-        if self._turned_away():
             return
         image = window.picture(panel=False)
         self._shape = self._shape or image.shape[:2]
@@ -67,23 +67,6 @@ class Recording:
         if self._done == self._asked.frames:
             self._end()
             window.recorded(f"saved {self.path.absolute()}")
-            return
-        self._turn()
-
-    @property
-    def _angle_deg(self) -> float:
-        return self._state.angle_deg + 360.0 * self._done / self._asked.frames
-
-    def _turn(self) -> None:
-        self._window.session.change(angle_deg=self._angle_deg)
-
-    def _turned_away(self) -> bool:
-        """Whether the user turned or reset the recorded angle; it is restored."""
-        away = self._window.session.state.angle_deg - self._angle_deg
-        moved = abs((away + 180.0) % 360.0 - 180.0) > 1e-6
-        if moved:
-            self._turn()
-        return moved
 
     def _describe(self) -> str:
         """The line on the window: progress, remaining time, and how to stop."""
@@ -105,16 +88,9 @@ class Recording:
 
 def fit_to(image: NDArray, shape: tuple[int, ...]) -> NDArray:
     """A picture, (H, W, 3) uint8, in the size that a film began with: cut, and filled with black, about its middle."""
-    if image.shape[:2] == shape:
-        return image
-    result = np.zeros((*shape, 3), np.uint8)
-    inner, outer = [], []
-    for have, want in zip(image.shape[:2], shape, strict=True):
-        common = min(have, want)
-        inner.append(slice((have - common) // 2, (have - common) // 2 + common))
-        outer.append(slice((want - common) // 2, (want - common) // 2 + common))
-    result[tuple(outer)] = image[tuple(inner)]
-    return result
+    (height, width), (tall, wide) = image.shape[:2], shape
+    left, top = (width - wide) // 2, (height - tall) // 2
+    return np.asarray(Image.fromarray(image).crop((left, top, left + wide, top + tall)))
 
 
 def check_film(path: str | os.PathLike[str], turn: Turntable) -> None:

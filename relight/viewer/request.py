@@ -1,9 +1,11 @@
-"""The requests for a session and for a turntable film, each as one frozen value. Imports nothing heavy."""
+"""The requests for a session and for a turntable film, each as one frozen value, and the engine behind a session in the
+form that its lamps, objects and parts need. Imports nothing heavy."""
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,13 +14,79 @@ from ..options import LightingOptions
 from ..output.kinds import PICTURE_SIZE
 
 if TYPE_CHECKING:
+    from splat2mesh.render.view import View
     from splat2mesh.scene.foreign import AnyScene
+    from splat2mesh.splats.splats import Splats
 
+    from ..engine.by_hand import LightByHand
     from ..engine.light_mix import LightBeside
+    from ..engine.placed import LampLight, Placed
+    from ..insert.asked import AskedInsert
+    from ..insert.inserts import InsertedLight
+    from ..lamps.asked import AskedLamp, LampScale
     from ..light.environment import Environment
+    from ..splats.grown_part import GrowingSurface
     from ..transfer.store import Cache
-    from .sources import HandSource, LampSource, ObjectSource, PartSource
     from .splats import SplatSource
+
+
+class LampSource(NamedTuple):
+    """A scene whose lamps can be changed.
+
+    asked, captured: the lamps at the start, in the frame of the splat, and the factor on the captured light. prepare:
+    the long work, done once. light_of: the LampLight of lamps beside a factor on the captured light. mixture: the
+    LightBeside of a factor on the captured light and of lamps, or None for no lamps. scale: the LampScale. command:
+    the command that relights with the saved lamps.
+    """
+
+    asked: "Sequence[AskedLamp]"
+    captured: float
+    prepare: Callable[[], None]
+    light_of: "Callable[[Sequence[AskedLamp], float], LampLight]"
+    mixture: "Callable[[float, Placed | None], LightBeside]"
+    scale: "Callable[[], LampScale]"
+    command: str = ""
+
+
+class ObjectsUnder(NamedTuple):
+    """The light on objects. environment: the argument of `light_of`, or None. angle_deg: its rotation. env_scale,
+    captured: factors on it and on the captured light. lamps: added ones. level: units of the picture per unit of the
+    radiance. radiance, received: (V, 3) of the scene without the objects, exit radiance and irradiance over pi."""
+
+    environment: Any
+    angle_deg: float
+    env_scale: float
+    captured: float
+    lamps: "Sequence[AskedLamp]"
+    level: float
+    radiance: NDArray[np.float32]
+    received: NDArray[np.float32]
+
+
+class ObjectSource(NamedTuple):
+    """A scene whose objects can be moved.
+
+    asked: the objects at the start. received: returns the irradiance over pi (V, 3) of the scene for the radiance of
+    an environment and its exposure. exact: the InsertedLight of objects under a light, with all rays; calls its
+    last argument often, which may raise to end it. glimpse: the same with few rays, without bounces, with the light on
+    the objects from an exact one. drawn: splats with the objects as a view in the frame of the scene shows them at an
+    exposure; the last argument is the number of samples along the side of a pixel.
+    """
+
+    asked: "Sequence[AskedInsert]"
+    received: Callable[[NDArray[np.float32], float], NDArray[np.floating]]
+    exact: "Callable[[Sequence[AskedInsert], ObjectsUnder, Callable[..., None]], InsertedLight]"
+    glimpse: "Callable[[Sequence[AskedInsert], InsertedLight], InsertedLight]"
+    drawn: "Callable[[Splats, InsertedLight, float, View, int], Splats]"
+
+
+class PartSource(NamedTuple):
+    """A scene whose capture can be parted. surface: returns the GrowingSurface, which takes long. splats: every row of
+    the capture. folder: of the scene, where parts are kept."""
+
+    surface: "Callable[[], GrowingSurface]"
+    splats: "Splats"
+    folder: Path
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,8 +121,8 @@ class SessionRequest:
         Lights added lamps; without it none can be added.
     object_source : ObjectSource, optional
         Lights inserted objects.
-    hand_source : HandSource, optional
-        Sets the captured light by hand.
+    hand_source : callable, optional
+        Returns the LightByHand that sets the captured light. Called in a thread, since it may trace rays.
     part_source : PartSource, optional
         Makes parts of the capture.
     under_kept_light : callable, optional
@@ -74,10 +142,10 @@ class SessionRequest:
     lamps: Mapping[str, NDArray[np.floating]] | None = None
     lamps_known: bool = True
     mixture: "LightBeside | None" = None
-    lamp_source: "LampSource | None" = None
-    object_source: "ObjectSource | None" = None
-    hand_source: "HandSource | None" = None
-    part_source: "PartSource | None" = None
+    lamp_source: LampSource | None = None
+    object_source: ObjectSource | None = None
+    hand_source: "Callable[[], LightByHand] | None" = None
+    part_source: PartSource | None = None
     splats: "SplatSource | None" = None
     under_kept_light: "Callable[[], SessionRequest] | None" = None
 

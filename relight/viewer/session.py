@@ -30,17 +30,13 @@ from .lighting import LightWish, SessionScene, check_albedos
 from .object_bench import ObjectBench
 from .part_bench import PartBench
 from .quick import harmonic_light, prepare
-from .request import SessionRequest
-from .sources import ObjectsUnder
+from .request import ObjectsUnder, SessionRequest
 from .splats import RelitSplats
 from .state import MODES, State, check_field, choices_of, first_state, methods_of
-from .worker import ProcessWorker
+from .worker import REST_SECONDS, ProcessWorker
 
 if TYPE_CHECKING:
     from ..insert.inserts import InsertedLight
-
-REST_SECONDS = 0.2
-"""Seconds without motion before a request for a new angle or smooth edges: long enough for the user to have stopped."""
 
 
 class Session:
@@ -112,10 +108,7 @@ class Session:
     def reset(self) -> None:
         """Reset everything."""
         self.change(**{field.name: getattr(self.start, field.name) for field in fields(State)})
-        with self.timeline.together():
-            for changed in (self.lamps, self.objects, self.parts):
-                if changed is not None:
-                    changed.reset()
+        self.timeline.reset()
         self.set_hand(HandBench.reset)
 
     def anew(self, asked: SessionRequest) -> "Session":
@@ -130,7 +123,7 @@ class Session:
             self.lamps.follow(other.lamps)
         self.timeline.follow(other.timeline)
         kept = {field.name: getattr(other.state, field.name) for field in fields(State)}
-        self.change(**kept | {"by_hand": False, "split": False})
+        self.change(**kept | {"tool": "", "split": False})
 
     def set_hand(self, change: Callable[[HandBench], None]) -> None:
         """Change the captured light that a hand sets; nothing in a session without. Raises what the change raises."""
@@ -149,8 +142,8 @@ class Session:
             news.append(self.bench.poll(lamps_rest))
         if self.objects is not None:
             under = partial(self._light_on, self.objects) if self._answered and self._in_first_albedo else None
-            news.append(self.objects.poll(under, self._key_of_objects(), rests and lamps_rest))
-        if self.hand is not None and self.state.by_hand:
+            news.append(self.objects.lit(under, self._key_of_objects(), rests and lamps_rest))
+        if self.hand is not None and self.uses("hand"):
             news.append(self.hand.poll(self.clock() - self._hand_moved > REST_SECONDS))
         self.revision += sum(news)
         if rests:
@@ -184,6 +177,10 @@ class Session:
     def name(self) -> str:
         """Name of the scene."""
         return self.scene.path.name if self.scene.path else "scene"
+
+    def uses(self, tool: str) -> bool:
+        """Whether the mouse acts on "lamps", "objects", "hand" or "parts"."""
+        return self.state.tool == tool and getattr(self, tool) is not None
 
     def _wish(self, on: frozenset[str]) -> LightWish:
         """What the present state needs from the worker, with these effects: sun and bounces only with shadows."""
@@ -220,7 +217,7 @@ class Session:
         """What is still missing in the picture, in words; "" when it is complete."""
         if self.complete or self.answers.light is None:
             return ""
-        return self.answers.missing if self.answers.lit is None else "the light of the lamps"
+        return "the light" if self.answers.lit is None else "the light of the lamps"
 
     @property
     def failure(self) -> str:
@@ -239,7 +236,7 @@ class Session:
     @property
     def inserted(self) -> "InsertedLight | None":
         """The inserted objects in their newest light; None without objects, or before the first light."""
-        return None if self.objects is None or self.objects.shown is None else self.objects.shown.light
+        return None if self.objects is None or self.objects.shown is None else self.objects.shown.result
 
     @property
     def has_lamps(self) -> bool:
@@ -320,7 +317,7 @@ class Session:
     def shows_splats(self) -> bool:
         """Whether the picture shows splats. Without splats, and in all modes but the relit one, it shows the mesh."""
         splats, state = self.splats, self.state
-        relit = state.mode == "relit" and not (state.by_hand or state.parts)
+        relit = state.mode == "relit" and state.tool not in ("hand", "parts")
         return splats is not None and relit and not state.mesh and state.albedo in splats.source.looks
 
     def remembered(self, name: str, key: Any, compute: Callable[[], Any], *made_of: Any) -> Any:

@@ -99,8 +99,6 @@ class RelitSplats:
         self._bound_reported = False
         self._pending: tuple[_Wanted, Future] | None = None
         self._exact: tuple[_Wanted, Splats] | None = None
-        self._quick: tuple[_Wanted, Splats] | None = None
-        self._plain: tuple[_Wanted, Splats] | None = None  # the quick one without objects
 
     @property
     def waiting(self) -> bool:
@@ -137,7 +135,8 @@ class RelitSplats:
         binding, far = self._bound.result()
         state = session.state
         sky = (session.answers.light_name, state.angle_deg, state.sky) if len(far.rows) else None
-        wanted = _Wanted(radiance, session.exposure(), state.albedo, sky, mixture, session.inserted)
+        inserted = session.inserted
+        wanted = _Wanted(radiance, session.exposure(), state.albedo, sky, mixture, inserted)
         if self._exact is not None and wanted.same(self._exact[0]):
             return self._exact[1]
 
@@ -148,18 +147,17 @@ class RelitSplats:
                 return self._exact[1]
             if rests and session.objects_settled and self._pending is None:
                 self._pending = wanted, self._thread.submit(relit_now)
-            if self._quick is None or not wanted.same(self._quick[0]):
-                plain = wanted._replace(inserted=None)
-                if self._plain is None or not plain.same(self._plain[0]):
-                    self._plain = plain, relit_now(0)
-                inserted = wanted.inserted
-                # At the vertices, without edges: while objects move, only the splats that they change get new colours.
-                found = self._plain[1] if inserted is None else binding.shaded(self._plain[1], inserted.ratio)
-                self._quick = wanted, found
+            plain: Splats = session.remembered("splats", wanted[1:4], lambda: relit_now(0), radiance, mixture)
+            if inserted is None:
+                return plain
+            # At the vertices, without edges: while objects move, only the splats that they change get new colours.
+            found: Splats = session.remembered(
+                "splats with objects", None, lambda: binding.shaded(plain, inserted.ratio), plain, inserted
+            )
+            return found
         except InputError as error:
             self.failure = f"the splats stay as captured: {error}"
             return self.source.captured
-        return self._quick[1]
 
     def _relighting(self, session: Any, wanted: _Wanted, binding: "Binding", far: FarSplats) -> Callable[..., Splats]:
         """The function that relights the splats as a session wants them now: all, or with 0 rounds what is quick."""

@@ -14,7 +14,7 @@ from splat2mesh.base.errors import InputError
 from ..albedo.by_hand import RANGES as HAND_RANGES
 from ..light import skies
 from ..light.environment import Environment
-from ..options import LightingOptions
+from ..options import DEFAULT_TOLERANCE, LightingOptions
 from ..transfer.settings import EFFECTS
 
 RANGES = {
@@ -36,9 +36,6 @@ RANGES = {
 MODES = "relit", "albedo", "normals"
 """Names of what the surface shows."""
 
-START_TOLERANCE = 0.02
-"""Default."""
-
 
 @dataclass(frozen=True)
 class State:
@@ -47,9 +44,9 @@ class State:
     environment, albedo, mode, method: names. angle_deg: of the light, in [0, 360). exposure_ev: stops over the
     session's own exposure. effects: those switched on. split: the captured colours show left of a line at `split_at`,
     0..1 over the width. sky: the light shows behind the scene. turning: the light turns by itself. mesh: the mesh
-    shows where there is a splat. lamps: factor on the light of captured lamps. placing: clicks put lamps in.
-    arranging: drags move objects. by_hand: the captured light is being set, and the surface shows its albedo.
-    parting: clicks make a part of the capture, which the surface shows.
+    shows where there is a splat. lamps: factor on the light of captured lamps. tool: what the mouse acts on. "lamps":
+    clicks put them in. "objects": drags move them. "hand": the captured light is being set, and the surface shows its
+    albedo. "parts": clicks make a part of the capture, which the surface shows. "": the view.
     """
 
     environment: str
@@ -57,7 +54,7 @@ class State:
     mode: str = "relit"
     angle_deg: float = 0.0
     exposure_ev: float = 0.0
-    tolerance: float = START_TOLERANCE
+    tolerance: float = DEFAULT_TOLERANCE
     effects: frozenset = frozenset(EFFECTS)
     split: bool = False
     split_at: float = 0.5
@@ -67,23 +64,15 @@ class State:
     turning: bool = False
     mesh: bool = False
     lamps: float = 1.0
-    placing: bool = False
-    arranging: bool = False
-    by_hand: bool = False
-    parting: bool = False
+    tool: str = ""
     method: str = "auto"
-
-    @property
-    def parts(self) -> bool:
-        """Whether clicks make a part: lamps, objects and the captured light come first."""
-        return self.parting and not (self.placing or self.arranging or self.by_hand)
 
 
 def first_state(
     options: LightingOptions, environments: Mapping[str, Any], albedos: Mapping[str, NDArray | None]
 ) -> State:
     """The State that a session starts with. Raises InputError for a tolerance beyond those of sessions."""
-    tolerance = START_TOLERANCE if options.tolerance is None else options.tolerance
+    tolerance = options.accepted_error
     low, high = RANGES["tolerance"]
     if not low <= tolerance <= high:
         raise InputError(f"the `tolerance` of a session must be from {low:g} to {high:g}, found {tolerance:g}")

@@ -1,21 +1,20 @@
 """A first look at a splat, in a window or in a browser, until its session takes the place.
 
-A process of its own shows it, since meshing keeps this one busy: `python -m relight.viewer.waiting`, which reads the
-picture, a PNG, from its input, and ends with it.
+A process of its own shows it, since meshing keeps this one busy: `python -m relight.viewer.waiting PNG`, which ends
+with its input.
 """
 
 import http.server
 import os
 import secrets
 import socket
-import struct
 import subprocess
 import sys
 import tempfile
 import threading
 from base64 import b64encode
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -26,6 +25,7 @@ from numpy.typing import NDArray
 from splat2mesh.base.errors import InputError
 
 from ..output.images import write_png
+from ..output.kinds import PICTURE_SIZE
 
 LINE = "A first look. The surface is being meshed and lit; the session opens when it is ready."
 
@@ -67,36 +67,31 @@ class Served(NamedTuple):
 @contextmanager
 def in_a_window(picture: NDArray[np.uint8]) -> Iterator[None]:
     """Show a picture (H, W, 3) in a window, where there is a display."""
-    with _shown(picture, ["window"]):
+    with _shown(picture):
         yield
 
 
 @contextmanager
 def in_a_browser(picture: NDArray[np.uint8], place: Served, announce: Callable[[str], None]) -> Iterator[None]:
     """Serve a picture where the session will be served. announce: receives the address."""
-    with _shown(picture, ["browser", str(place.port), place.token]):
+    with _shown(picture, str(place.port), place.token):
         announce(place.address)
         yield
 
 
 @contextmanager
-def _shown(picture: NDArray[np.uint8], words: list[str]) -> Iterator[None]:
+def _shown(picture: NDArray[np.uint8], *words: str) -> Iterator[None]:
     with tempfile.TemporaryDirectory() as work:
-        write_png(Path(work) / "first.png", picture)
-        content = (Path(work) / "first.png").read_bytes()
-    command = [sys.executable, "-m", __name__, *words]
-    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    assert process.stdin is not None  # a pipe
-    try:
-        with suppress(BrokenPipeError):  # it could not start: the session comes without it
-            process.stdin.write(len(content).to_bytes(8, "little") + content)
-            process.stdin.flush()
-        yield
-    finally:
-        process.terminate()
-        process.wait()
-        with suppress(BrokenPipeError):
-            process.stdin.close()
+        path = Path(work) / "first.png"
+        write_png(path, picture)
+        command = [sys.executable, "-m", __name__, str(path), *words]
+        with subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        ) as process:
+            try:
+                yield
+            finally:
+                process.terminate()
 
 
 class _FirstLookHandler(http.server.BaseHTTPRequestHandler):
@@ -120,38 +115,31 @@ class _FirstLookHandler(http.server.BaseHTTPRequestHandler):
         self.wfile.write(self._page)
 
 
-def _serve(picture: bytes, port: int, token: str) -> None:
-    page = _PAGE.format(line=LINE, picture=b64encode(picture).decode(), header=FIRST_LOOK).encode()
+def _serve(path: Path, port: int, token: str) -> None:
+    page = _PAGE.format(line=LINE, picture=b64encode(path.read_bytes()).decode(), header=FIRST_LOOK).encode()
     http.server.ThreadingHTTPServer(("127.0.0.1", port), partial(_FirstLookHandler, page, token)).serve_forever()
 
 
-def _open_window(picture: bytes) -> None:
+def _open_window(path: Path) -> None:
     import pyvista
 
-    with tempfile.TemporaryDirectory() as work:
-        path = Path(work) / "first.png"
-        path.write_bytes(picture)
-        size = struct.unpack(">II", picture[16:24])  # of a PNG's header
-        plotter = pyvista.Plotter(window_size=list(size), title="relight: a first look")
-        plotter.add_background_image(str(path))
+    plotter = pyvista.Plotter(window_size=list(PICTURE_SIZE), title="relight: a first look")
+    plotter.add_background_image(str(path))
     plotter.add_text(LINE, position="lower_left", font_size=9, color="white", shadow=True)
     plotter.show()
 
 
-def _main(words: list[str]) -> None:
-    source = sys.stdin.buffer
-    picture = source.read(int.from_bytes(source.read(8), "little"))
-
+def _main(path: Path, *place: str) -> None:
     def end_with_input() -> None:
-        source.read()
+        sys.stdin.read()
         os._exit(0)
 
     threading.Thread(target=end_with_input, daemon=True).start()
-    if words[0] == "browser":
-        _serve(picture, int(words[1]), words[2])
+    if place:
+        _serve(path, int(place[0]), place[1])
     else:
-        _open_window(picture)
+        _open_window(path)
 
 
 if __name__ == "__main__":
-    _main(sys.argv[1:])
+    _main(Path(sys.argv[1]), *sys.argv[2:])

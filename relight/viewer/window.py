@@ -4,6 +4,7 @@ import os
 import sys
 import time
 from ctypes.util import find_library
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from vtkmodules.vtkInteractionStyle import vtkInteractorStyleUser
 
 from splat2mesh.base.errors import InputError
+from splat2mesh.render.raycaster import RayCaster
 
 from ..output.images import write_png
 from ..output.kinds import PICTURE_SIZE
@@ -24,9 +26,10 @@ from .mouse import Mouse
 from .panel import OfWindow, Panel, bars_of
 from .recording import Recording, free_name
 from .request import Turntable
-from .session import REST_SECONDS, Session
+from .session import Session
 from .splat_painter import coarser, joined
 from .stage import Stage, pixels
+from .worker import REST_SECONDS
 
 SIZE = PICTURE_SIZE
 TURN_SECONDS = 10.0  # of a light that turns by itself, once around
@@ -96,6 +99,11 @@ class Window:
     def shift(self) -> bool:
         """Whether the shift key is down."""
         return bool(self._interactor.GetShiftKey())
+
+    @cached_property
+    def caster(self) -> RayCaster:
+        """The surface of the scene."""
+        return RayCaster(self.session.scene.vertices, self.session.scene.faces)
 
     def run(self) -> None:
         """Show the window until it is closed."""

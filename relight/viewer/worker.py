@@ -26,7 +26,9 @@ from .lighting import LightWish, SessionLighting, SessionScene, keys
 NICENESS = 5
 """Added to the priority of the process: drawing comes first, but idle cores are used in full."""
 
-_PROGRESS_SECONDS = 0.05  # between two reports of progress
+REST_SECONDS = 0.2
+"""Seconds without motion before a request for a new angle or smooth edges, long enough for the user to have stopped,
+and between two reports of progress."""
 
 
 class Superseded(Exception):
@@ -59,7 +61,7 @@ class ReportedStages:
             nonlocal done
             done += count
             self._check()
-            if total and time.perf_counter() - self._last > _PROGRESS_SECONDS:
+            if total and time.perf_counter() - self._last > REST_SECONDS:
                 self._last = time.perf_counter()
                 self._report(label, min(done / total, 1.0))
 

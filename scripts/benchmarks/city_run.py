@@ -13,9 +13,8 @@ from splat2mesh.base.progress import Stages
 from splat2mesh.options import ConvertOptions, TilingOptions
 from splat2mesh.tiles import survey
 from splat2mesh.tiles.city import city_in_steps
-from splat2mesh.tiles.steps import TaskSteps
 from splat2mesh.tiles.store import Store
-from splat2mesh.tiles.tasks import tiling_engine
+from splat2mesh.tiles.tasks import TaskSteps, tiling_engine
 
 
 def main(source, output, workers, settings):

@@ -131,9 +131,7 @@ def by_change(mesh, frame, options, report):
         "move, of 8": lambda: session.lamps.move(number, somewhere()),
     }
     load = f"load {os.getloadavg()[0]:.1f} of {os.cpu_count()} cores"
-    table = report.table(
-        f"a change, ms, {load}", change="<16", light=".0f", picture=".0f", shadows=".0f", complete=".0f"
-    )
+    table = report.table(f"a change, ms, {load}", change="<16", light=".0f", picture=".0f", complete=".0f")
     for name, act in acts.items():
         if name.endswith("8"):
             for _ in range(7):
@@ -145,35 +143,31 @@ def by_change(mesh, frame, options, report):
             if name == "add":
                 session.timeline.undo()
                 rest(window)
-        light, picture, shadows, complete = 1e3 * np.median(found, axis=0)
-        table.add(change=name, light=light, picture=picture, shadows=shadows, complete=complete)
+        light, picture, complete = 1e3 * np.median(found, axis=0)
+        table.add(change=name, light=light, picture=picture, complete=complete)
     window.close()
 
 
 def rest(window):
     """Wait until the light is complete, and all is there for the next change."""
-    bench = window.session.bench
     window.finish()
-    while bench._running is not None or bench._missing():
-        window.session.hurry()
+    while window.session.bench.busy:
         window.tick()
 
 
 def change(window, act):
-    """Seconds from a change to its light, its picture, its exact shadows and the complete result."""
+    """Seconds from a change to its light, its picture and the complete result."""
     session = window.session
     start = time.perf_counter()
     act()
+    while session.bench.shown.state != session.lamps.state:
+        session.poll()
     session.radiance()
     seconds = [time.perf_counter() - start]
     window.tick()
     seconds.append(time.perf_counter() - start)
-    shown = session.bench._news
-    while session.bench._news == shown and not session.complete:
-        session.hurry()
-        session.poll()
-    seconds.append(time.perf_counter() - start)
     while not session.complete:
+        session.hurry()
         session.poll()
     seconds.append(time.perf_counter() - start)
     rest(window)

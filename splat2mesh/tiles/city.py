@@ -11,6 +11,7 @@ city.json            all tiles; tileset.json: 3D Tiles
 import hashlib
 import json
 import os
+import tempfile
 from typing import Any
 
 import numpy as np
@@ -23,13 +24,13 @@ from ..base.version import VERSION
 from ..options import ConvertOptions, TilingOptions, refuse_in_cities
 from ..surface.place import PLACE
 from .look import look, probe
+from .memory import BASE_GB
 from .pieces import CityPiece, pieces_of, size_of
-from .plan import FILE, CityPlan, folder_of
-from .steps import TaskSteps, name_failed
+from .plan import FILE, GB_PER_SPLAT, CityPlan, folder_of, splats_for
 from .store import Store
 from .surface import mesh
 from .survey import deal, plan_of, say_all_dropped, survey_tasks
-from .tasks import Done, Task, costs, tiling_engine
+from .tasks import Done, Loop, Task, TaskSteps, costs, name_failed, tiling_engine
 from .tileset import tileset
 
 CITY, SCHEMA_VERSION = "city.json", 1
@@ -108,7 +109,8 @@ def _goes_on(store: Store, asked: dict[str, Any], overwrite: bool, resume: bool)
     return False
 
 
-def _surveyed(steps: TaskSteps, pieces: list[CityPiece], asked: dict[str, Any]) -> None:
+def _surveyed(steps: TaskSteps, pieces: list[CityPiece], asked: dict[str, Any]) -> CityPlan:
+    """Read the source and plan the city, in FILE. Raises InputError for one that cannot be read or planned."""
     tasks = survey_tasks(steps.store, pieces)
     found = steps.run("survey", tasks)
     lost = [done for done in found.values() if done.error]
@@ -124,6 +126,7 @@ def _surveyed(steps: TaskSteps, pieces: list[CityPiece], asked: dict[str, Any]) 
         raise
     steps.store.write_json(FILE, {"asked": asked, "plan": plan.as_dict()})
     steps.store.remove("work/survey")
+    return plan
 
 
 def _dealt(steps: TaskSteps, plan: CityPlan, key: str) -> dict[int, list[int]]:
@@ -234,3 +237,41 @@ def _finished(
         "seconds": dict(steps.stages.seconds),
         **costs(steps.took.values()),
     }
+
+
+def outlook(
+    source: str | os.PathLike[str],
+    options: ConvertOptions | None = None,
+    tiling: TilingOptions | None = None,
+    *,
+    stages: Stages | None = None,
+) -> dict[str, Any]:
+    """Return the plan of a city, JSON-clean. Reads the source once and leaves no files. Arguments and errors as of
+    `convert_city`."""
+    options, tiling = options or ConvertOptions(), tiling or TilingOptions()
+    refuse_in_cities(options, KNOWN)
+    pieces = pieces_of(os.fspath(source), options.lod)
+    settings: dict[str, Any] = {"up": options.up, "detail": options.detail, "vertices": None}
+    settings |= {"memory": tiling.memory, "tile_splats": tiling.tile_splats}
+    with tempfile.TemporaryDirectory() as folder:
+        plan = _surveyed(TaskSteps(Store(folder), Loop(), stages or Stages()), pieces, settings)
+    most = splats_for(tiling.memory, tiling.tile_splats)  # of the fullest tile, its halo included
+    return {
+        "splats": plan.splats,
+        "tiles": len(plan.tiles),
+        "tile_splats": plan.counts,
+        "tile_size": [np.ptp(plan.core(tile), axis=0).round(3).tolist() for tile in range(len(plan.tiles))],
+        "up_from": plan.up_from,
+        "pixel": plan.pixel,
+        "memory_gb": round(BASE_GB + min(plan.splats, most) * GB_PER_SPLAT, 2),
+    }
+
+
+def lines_of(result: dict[str, Any]) -> list[str]:
+    """An outlook as lines of text."""
+    low, high = min(result["tile_splats"]), max(result["tile_splats"])
+    return [
+        f"{'splats':<24}{result['splats']:,}",
+        f"{'tiles':<24}{result['tiles']} of {low:,} to {high:,} splats",
+        f"{'memory of a process':<24}{result['memory_gb']:g} GiB",
+    ]

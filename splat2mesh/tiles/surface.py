@@ -20,12 +20,12 @@ from ..surface.fair import fair
 from ..surface.place import HOLE_CELLS, SPARE
 from ..surface.simplify import simplify
 from .coarse import twins
-from .glb import glb_bytes
 from .lattice import Raw, normals_of, raw_surface, seam_edges, seam_of, smoothed
 from .look import carve_of, shots_around, sight_of
 from .memory import give_back
 from .plan import DISTANT, FAR, CityPlan, folder_of
 from .store import Store
+from .tileset import glb_bytes
 
 
 def mesh(store: Store, key: str, tile: int) -> dict[str, Any]:

@@ -22,7 +22,7 @@ from .store import Store
 from .tasks import Task
 
 SAMPLE = 1_000_000
-"""Sample of splats for the plan of a city, over all pieces."""
+"""Splats in a sample of a city, over all pieces: for its plan, and of far ones to tell sky from objects."""
 
 PIXELS = {"draft": 128, "normal": REFERENCE_PIXELS, "fine": 256}
 """Side of the views by detail."""

@@ -15,21 +15,18 @@ from importlib.util import find_spec
 from typing import Any, NamedTuple
 
 from ..base.console import ONE_BLAS_THREAD, peak_mb
-from ..base.errors import InputError
+from ..base.errors import MOST_NAMED, InputError, UnfinishedError
 from ..base.extras import needed
 from ..base.progress import Stages
 from ..base.version import VERSION
 from ..options import TilingOptions
+from .store import Store
 
 DEATHS = 25
 """Workers that may die over one task, before the task is to blame."""
 
-PATIENCE_S = 30.0
-"""Seconds for which a worker may be missing before another one is started: its own nanny restarts it sooner, where it
-can, and cannot where the machine is so busy that a start takes too long."""
-
 CONNECT_S = 10
-"""Seconds in which a scheduler must answer."""
+"""Seconds in which a scheduler must answer, and after which workers are counted."""
 
 DASHBOARD = "127.0.0.1:8787"
 """Where Dask's dashboard answers, which needs bokeh; another port where that one is taken. To this machine alone: it
@@ -155,7 +152,7 @@ def tiling_engine(tiling: TilingOptions, stages: Stages) -> Iterator[Any]:
     import dask
     from dask.distributed import Client, LocalCluster
 
-    settings = {
+    settings: dict[str, Any] = {
         "distributed.scheduler.allowed-failures": DEATHS,
         "distributed.logging.distributed": "critical",
         "distributed.worker.profile.enabled": False,  # a thread that polls the task all the time
@@ -167,6 +164,10 @@ def tiling_engine(tiling: TilingOptions, stages: Stages) -> Iterator[Any]:
         "distributed.scheduler.worker-ttl": None,
         "distributed.comm.timeouts.connect": "120s",
     }
+    if workers is not None:
+        threads = str(max(1, (os.cpu_count() or 1) // workers))
+        variables = {name: threads for name in _THREADS} | ONE_BLAS_THREAD
+        settings |= {f"distributed.nanny.pre-spawn-environ.{name}": value for name, value in variables.items()}
     with dask.config.set(settings):
         if scheduler is not None:
             try:
@@ -177,24 +178,22 @@ def tiling_engine(tiling: TilingOptions, stages: Stages) -> Iterator[Any]:
                 yield _connect(client, scheduler)
             return
         assert workers is not None
-        threads = str(max(1, (os.cpu_count() or 1) // workers))
         limit = f"{memory_gb}GiB" if memory_gb is not None else 0
         shown = find_spec("bokeh") is not None
-        with _set_environment({name: threads for name in _THREADS} | ONE_BLAS_THREAD):
-            with warnings.catch_warnings():
-                warnings.filterwarnings("ignore", "Port ", UserWarning)  # another run has it: any other port will do
-                cluster = LocalCluster(
-                    n_workers=workers,
-                    threads_per_worker=1,
-                    processes=True,
-                    memory_limit=limit,
-                    dashboard_address=DASHBOARD if shown else None,
-                    silence_logs=50,
-                )
-            with cluster, _keep_workers(cluster, workers), Client(cluster) as client:
-                if shown:
-                    stages.notify(f"dashboard: {client.dashboard_link}")
-                yield _connect(client, "the local cluster")
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", "Port ", UserWarning)  # another run has it: any other port will do
+            cluster = LocalCluster(
+                n_workers=workers,
+                threads_per_worker=1,
+                processes=True,
+                memory_limit=limit,
+                dashboard_address=DASHBOARD if shown else None,
+                silence_logs=50,
+            )
+        with cluster, _keep_workers(cluster, workers), Client(cluster) as client:
+            if shown:
+                stages.notify(f"dashboard: {client.dashboard_link}")
+            yield _connect(client, "the local cluster")
 
 
 _THREADS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS")
@@ -203,20 +202,12 @@ _THREADS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS")
 
 @contextmanager
 def _keep_workers(cluster: Any, workers: int) -> Iterator[None]:
-    """Start another worker where one is missing for long."""
+    """Start another worker where one is gone: its own nanny restarts it sooner, where it can."""
     ended = threading.Event()
 
     def watch() -> None:
-        missing_since, added = None, 0
-        while not ended.wait(min(PATIENCE_S / 4, 5.0)):
-            if len(cluster.scheduler.workers) >= workers:
-                missing_since = None
-            elif missing_since is None:
-                missing_since = time.monotonic()
-            elif time.monotonic() - missing_since > PATIENCE_S:
-                added += workers - len(cluster.scheduler.workers)
-                cluster.scale(workers + added)
-                missing_since = None
+        while not ended.wait(CONNECT_S):
+            cluster.scale(workers)
 
     watcher = threading.Thread(target=watch, daemon=True)
     watcher.start()
@@ -249,20 +240,6 @@ def _version() -> str:
     return here
 
 
-@contextmanager
-def _set_environment(values: dict[str, str]) -> Iterator[None]:
-    before = {name: os.environ.get(name) for name in values}
-    os.environ.update(values)
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
-
-
 def _reset_peak() -> bool:
     try:
         with open("/proc/self/clear_refs", "w") as file:
@@ -283,3 +260,44 @@ def _peak_mb(since_reset: bool) -> float:
 
 def _first_line(error: BaseException) -> str:
     return (str(error) or type(error).__name__).splitlines()[0]
+
+
+class TaskSteps:
+    """Runs the tasks of one step after another. took: the outcome of every task so far, by its name."""
+
+    def __init__(
+        self,
+        store: Store,
+        engine: Any,  # of `tiling_engine`
+        stages: Stages,
+    ) -> None:
+        self.store, self.engine, self.stages = store, engine, stages
+        self.took: dict[str, Done] = {}
+
+    def run(
+        self, label: str, tasks: list[Task], arrived: Callable[[Done], None] = lambda done: None
+    ) -> dict[str, Done]:
+        """The outcome of all tasks, by name."""
+        found = {}
+        with self.stages.stage(label, total=len(tasks)) as advance:
+            for done in self.engine.run(tasks):
+                found[done.name] = done
+                arrived(done)
+                advance()
+        self.took |= found
+        return found
+
+    def need(self, label: str, tasks: list[Task]) -> list[Any]:
+        """Results of tasks that must all succeed. Raises UnfinishedError."""
+        found = self.run(label, tasks)
+        lost = [done for done in found.values() if done.error]
+        if lost:
+            more = f" and {len(lost) - 1} more" if len(lost) > 1 else ""
+            raise UnfinishedError(f"{lost[0].name}{more} failed: {lost[0].error}; run again with `resume`")
+        return [found[task.name].result for task in tasks]
+
+
+def name_failed(lost: list[Done]) -> str:
+    """Some failed tasks and their reasons, in one line; tasks that only waited for others are left out."""
+    failed = [done for done in lost if not done.error.startswith("waits")]
+    return "; ".join(f"{done.name}: {done.error}" for done in failed[:MOST_NAMED])

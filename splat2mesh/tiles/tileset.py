@@ -1,4 +1,5 @@
-"""3D Tiles 1.1: a tileset.json over GLB tiles, each with its coarse twin that it replaces when near.
+"""3D Tiles 1.1: a tileset.json over GLB tiles, each with its coarse twin that it replaces when near. The tiles are
+unlit, with linear vertex colours of 16 bits, the same bytes on every machine.
 
 Source: OGC 22-025r4, "3D Tiles Specification 1.1". 3D Tiles are z up, glTF is y up: (x, y, z) becomes (x, -z, y).
 """
@@ -6,8 +7,10 @@ Source: OGC 22-025r4, "3D Tiles Specification 1.1". 3D Tiles are z up, glTF is y
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..base.arrays import Bounds
+from ..scene.glb import UNLIT, Glb, matt
 
 FAR_ERROR = 0.02
 """Geometric error of a coarse twin, in units of its tile's diagonal."""
@@ -54,3 +57,24 @@ def _box(bounds: Bounds) -> list[float]:
     half = np.maximum((high - low) / 2, 1e-3)
     x, y, z = (low + high) / 2
     return [x, -z, y, half[0], 0.0, 0.0, 0.0, half[2], 0.0, 0.0, 0.0, half[1]]
+
+
+def glb_bytes(
+    points: NDArray,  # (V, 3)
+    normals: NDArray,  # (V, 3) unit
+    faces: NDArray,  # (F, 3)
+    color_linear: NDArray,  # (V, 3) in [0, 1]
+) -> bytes:
+    """One mesh of at least one face. Positions are float32 about their middle, which a node carries as a translation:
+    far from the origin of a city float32 alone would be coarse."""
+    middle = np.round((points.min(axis=0) + points.max(axis=0)).astype(np.float64) / 2)
+    safe = np.where((np.abs(normals) > 0).any(axis=1, keepdims=True), normals, [0.0, 1.0, 0.0])
+    file = Glb(extensionsUsed=[UNLIT], materials=[matt("tile")])
+    attributes = {
+        "POSITION": file.positions(points.astype(np.float64) - middle),
+        "NORMAL": file.values((safe / np.linalg.norm(safe, axis=1, keepdims=True)).astype(np.float32)),
+        "COLOR_0": file.colors(color_linear),
+    }
+    file.mesh("tile", attributes, indices=file.triangles(faces), material=0)
+    file.document.nodes[0].translation = middle.tolist()
+    return file.content()

@@ -63,7 +63,7 @@ def test_every_word_reaches_its_field():
     line += (
         " --memory 4 --format glb,npy --format live --sheet --live --harmonics keep --bake texture --texture-size 64"
     )
-    line += " --splat a.ply --sky drop --lights sunset -o out --overwrite"
+    line += " --splat a.ply --sky drop -o out --overwrite"
     words = relight.cli.parser().parse_args(line.split())
     asked = relight.cli.request_of(words)
     light = {"method": "raytraced", "tolerance": 0.03, "effects": "shadows", "bands": 4, "rays": 32, "seed": 7}
@@ -79,7 +79,6 @@ def test_every_word_reaches_its_field():
         texture_size=64,
         sheet=True,
         sky="drop",
-        lights=("sunset",),
         live_mesh=True,
         harmonics="keep",
         splat="a.ply",
@@ -105,7 +104,6 @@ def test_every_word_reaches_its_field():
         ({"exposure_ev": float("nan")}, "`exposure_ev` nan"),
         ({"angles_deg": ()}, "`angles_deg`: 0 angles"),
         ({"live_mesh": True, "formats": ["npy"]}, "`live_mesh`: it belongs to the format glb"),
-        ({"lights": ["noon"]}, "`lights`: it belongs to the format live or web"),
         ({"clear_cache": True, "caching": "none"}, "`clear_cache`: without a cache"),
         ({"animated": True, "angles_deg": (0.0, 1.0)}, "`angles_deg`: an animation has one angle"),
     ],

@@ -22,10 +22,16 @@ def open_session(scene, env="captured", **wishes):
 def warm(session):
     """All is there that the first change needs."""
     session.bench.prepare()
-    while not session.bench.ready or session.bench._running is not None or session.bench._missing():
-        session.hurry()
+    while not session.bench.ready:
         session.poll()
-    session.poll()
+
+
+def at_once(session):
+    """The quick light of a change, which shows before the exact one."""
+    bench = session.bench
+    while bench.shown.state != session.lamps.state:
+        bench.poll(False)
+    return session.radiance()
 
 
 def relit(scene, env, path, captured):

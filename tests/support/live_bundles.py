@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from splat_samples import make_splats
 
-from relight.live.harmonics import evaluate
+from relight.live.response import evaluate
 from relight.splats.light_ratio import CURVE_POWER
 from splat2mesh.scene.color import linear_from_srgb
 from splat2mesh.splats.formats import write_splats

@@ -130,7 +130,7 @@ def asked(**changes):
     """What is asked of a scene and a light in memory."""
     fields = {"albedo": "white", "capture_env": None, "exposure_ev": None, "formats": None, "baked": (), "sky": "new"}
     fields |= {"scene": ball_on_plate(), "lighting": LightingOptions(), "angles_deg": (0.0,)}
-    fields |= {"texture_size": None, "harmonics": "zero", "lights": (), "white_at": None}
+    fields |= {"texture_size": None, "harmonics": "zero", "white_at": None}
     plain = {"inserted": (), "only": (), "keep": (), "parts": (), "shadow_of_parts": False}
     return SimpleNamespace(**plain | fields | changes)
 
@@ -140,7 +140,6 @@ def asked(**changes):
     [
         ({"baked": ["texture"]}, "texture_size", 64, 128),
         ({"formats": ["albedo-splat"]}, "harmonics", "zero", "keep"),
-        ({"formats": ["web"]}, "lights", ["noon"], ["noon", "sunset"]),
     ],
 )
 def test_what_only_some_files_depend_on_is_asked_about_only_with_them(tmp_path, files, name, value, other):
@@ -153,6 +152,15 @@ def test_what_only_some_files_depend_on_is_asked_about_only_with_them(tmp_path, 
     assert kept["settings"] == first and name not in without
     with pytest.raises(InputError, match=f"`{name}`"):
         Earlier(tmp_path, second)
+
+
+def test_a_page_of_other_lights_has_other_settings():
+    alone = settings_of(asked(formats=["web"]), "noon", 0.0, ["noon"])
+    two = [
+        settings_of(asked(formats=["web"]), "noon", 0.0, lights) for lights in (["noon", "sunset"], ["sunset", "noon"])
+    ]
+    assert two[0] == two[1] == alone | {"lights": [{"name": "sunset"}]} and alone["lights"] == []
+    assert "lights" not in settings_of(asked(), "noon", 0.0, ["noon", "sunset"])
 
 
 def test_settings_are_json_and_the_same_for_what_means_the_same(tmp_path):

@@ -17,11 +17,9 @@ from relight.light import SUN_TOLERANCE
 from relight.light.captured_light import LikelyLight, LikelySun, known_light
 from relight.light.sun_split import split
 from relight.live.bundle import described, offered_files
-from relight.live.harmonics import about_y
-from relight.live.lights import rgbe
-from relight.live.offered import OfferedLight
+from relight.live.lights import OfferedLight, rgbe
 from relight.live.page import write_page
-from relight.live.response import BANDS, SPREAD_BANDS
+from relight.live.response import BANDS, SPREAD_BANDS, about_y
 
 WEB = Path(__file__).parents[3] / "relight/live/web"
 

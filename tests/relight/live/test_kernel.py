@@ -12,10 +12,9 @@ from live_scene import live_scene
 from relight import Environment
 from relight.live.bundle import write_bundle
 from relight.live.compression import Compressed
-from relight.live.harmonics import about_y, turned
 from relight.live.lights import light_of
 from relight.live.parts import LivePart, LiveParts
-from relight.live.response import light_vector
+from relight.live.response import about_y, light_vector, turned
 from relight.sh import harmonics
 
 ROOT = Path(__file__).parents[3]
@@ -211,12 +210,13 @@ def test_another_splat_is_refused_in_one_line(folder, tmp_path):
 
 def test_rows_come_back_from_clusters_as_they_went_in():
     rng = np.random.default_rng(0)
-    from relight.live.compression import CompressionLevel, compress
+    from relight.live.compression import compress, near_clusters
 
     centers, axes = rng.normal(size=(4, 12)) * 10, rng.normal(size=(4, 2, 12))
     of = rng.integers(0, 4, 3000)
     rows = centers[of] + np.einsum("nw,nwd->nd", rng.normal(size=(3000, 2)), axes[of])
-    found: Compressed = compress(rows.astype(np.float32), np.ones(3000, np.float32), CompressionLevel(4, 2))
+    rows, counts = rows.astype(np.float32), np.ones(3000, np.float32)
+    found: Compressed = compress(rows, counts, 2, near_clusters(rows, counts))
     error = np.sqrt(np.mean((found.rows() - rows) ** 2)) / rows.std()
     assert error < 0.01  # a byte of each weight
 

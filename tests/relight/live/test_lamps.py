@@ -150,7 +150,7 @@ def test_what_is_assumed_of_a_room_that_lets_no_light_in_is_live_too(reader, tmp
     """Every light of the bundle, as the relit splat under it; but for the lamp itself, which none of them changes."""
     scene, splats = with_splats(grey_room() if grey else room()[0], tmp_path)
     lighting = LightingOptions(tolerance=0.05, **more)
-    asked = RelightRequest(scene, env, lighting, albedo="estimated", formats=("live",), lights=("overcast",))
+    asked = RelightRequest(scene, env, lighting, albedo="estimated", formats=("live",))
     job = Job(replace(asked, caching="none"))
     Writer(job).write(next(iter(job.shaded())), tmp_path / "out")
     bundle = reader["read"](tmp_path / "out/live")

@@ -15,8 +15,7 @@ from live_scene import live_scene
 
 from relight import RelightRequest
 from relight.jobs.folders import relight_files
-from relight.live.movable import FILE as MOVABLE_FILE
-from relight.live.objects import FILE, MESH, UNIT, objects_of
+from relight.live.objects import FILE, MESH, MOVABLE_FILE, UNIT, objects_of
 from splat2mesh.base.sphere import fibonacci_sphere
 from splat2mesh.scene.color import linear_from_srgb
 from splat2mesh.splats.splats import SH_C0, Splats

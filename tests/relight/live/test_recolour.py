@@ -10,8 +10,8 @@ from browser import Browser, chromium
 from live_bundles import make_bundle
 from splat_samples import make_splats
 
+from relight.live.bundle import write_proxy
 from relight.live.page import script_of
-from relight.live.proxy import write_proxy
 
 HARNESS = "recolour_alone.js"
 

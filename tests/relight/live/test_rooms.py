@@ -11,9 +11,8 @@ from relight import Environment, LightingOptions, Relighter
 from relight.engine.appearance import Place
 from relight.engine.relit_room import RelitRoom
 from relight.jobs.job import Job
-from relight.live.harmonics import about_y
 from relight.live.lights import capture_light
-from relight.live.response import LAMPS, SPREAD_BANDS, light_vector, response_of
+from relight.live.response import LAMPS, SPREAD_BANDS, about_y, light_vector, response_of
 from relight.request import RelightRequest
 from relight.splats.light_ratio import linear_parts
 from relight.transfer.settings import Settings

@@ -11,9 +11,8 @@ import pytest
 from cities import relit_city, sums
 
 from relight import Environment, LightingOptions
-from relight.tiles import parts, work
-from relight.tiles.local import TileNeighborhood, tile_mesh
-from relight.tiles.parts import LEAST_SHARE, parts_of, room_for
+from relight.tiles import local, work
+from relight.tiles.local import LEAST_SHARE, TileNeighborhood, parts_of, room_for, tile_mesh
 from relight.tiles.shared import city_of, coarse_city
 from relight.tiles.work import TileRequest, relit_tile
 from relight.transfer.precomputed import Precomputed
@@ -48,7 +47,7 @@ def uncut(city):
 def little(city):
     """GiB in which a process finds the light of about 500 vertices at once: most tiles have two parts then."""
     coarse = sum(entry["far_vertices"] for entry in city_of(Store(city))["tiles"])
-    return parts.BASE_GB + 6_000 * parts.GB_PER_SPLAT + 500 * parts.GB_PER_LIT + coarse * parts.GB_PER_NEAR
+    return local.BASE_GB + 6_000 * local.GB_PER_SPLAT + 500 * local.GB_PER_LIT + coarse * local.GB_PER_NEAR
 
 
 @pytest.fixture(scope="module")
@@ -78,7 +77,7 @@ def test_a_dense_band_of_neighbours_is_seen_thinner():
     for part in found:
         low, high = part.grown
         beside = ((around >= low) & (around < high)).all(axis=1).sum()
-        cost = part.holds(own).sum() + parts.GB_PER_NEAR / parts.GB_PER_LIT * beside
+        cost = part.holds(own).sum() + local.GB_PER_NEAR / local.GB_PER_LIT * beside
         assert cost < 9_000 or part.distance <= 8.0 * LEAST_SHARE
 
 

@@ -20,7 +20,6 @@ from relight.viewer.hand_tool import OFFER, SUN_MAP, place_on_map
 from relight.viewer.modes import MODES, surface_colors
 from relight.viewer.session import Session
 from relight.viewer.window import Window
-from splat2mesh.base.errors import InputError
 from splat2mesh.scene.scene import Scene
 
 SIZE = 960, 720
@@ -61,10 +60,25 @@ def by_hand(window):
     """The window while the captured light is set, from the first offered one."""
     window.session.reset()
     window.press_key("9")
-    window.session.hand.finish()
+    finish(window.session.hand)
     window.session.hand.choose(0)
     window.tick()
     return window
+
+
+def finish(bench):
+    """Wait until the present light is there in full."""
+    bench.prepare()
+    while not (bench.settled or bench.message):
+        bench.poll(True)
+        time.sleep(0.001)
+
+
+def at_once(session):
+    """The colours before the light rests."""
+    while session.hand.shown is None or session.hand.shown.state != session.hand.setting:
+        session.poll()
+    return surface_colors(session).astype(int)
 
 
 def hot(window, name):
@@ -80,23 +94,23 @@ def click(window, x, y):
 
 def test_the_view_shows_the_albedo_beside_the_capture(by_hand):
     session = by_hand.session
-    assert session.state.by_hand and session.state.split and not session.state.placing
+    assert session.uses("hand") and session.state.split
     shown = [slider.field for slider in SLIDERS if slider.there(session) and slider.of_hand]
     assert shown == [f"hand_{each}" for each in
                      ("azimuth_deg", "height_deg", "sun_share", "brightness_ev", "warmth", "green")]  # fmt: skip
     bench = session.hand
     assert [each.entry.name for each in bench.offered] == ["sun at 150", "sun at 300"]
     first = surface_colors(session).copy()
-    bench.finish()
+    finish(bench)
     exact = surface_colors(session).copy()
     assert np.abs(exact.astype(int) - first).mean() < 12 and bench.settled
     session.set_hand(lambda each: each.change(azimuth_deg=240.0))
-    assert not bench.settled and np.abs(surface_colors(session).astype(int) - exact).mean() > 2
-    brighter = surface_colors(session).astype(int)
+    brighter = at_once(session)
+    assert not bench.settled and np.abs(brighter - exact).mean() > 2
     session.set_hand(lambda each: each.change(brightness_ev=1.0))
-    assert (surface_colors(session).astype(int) - brighter).mean() < -10  # a brighter light leaves a darker albedo
+    assert (at_once(session) - brighter).mean() < -10  # a brighter light leaves a darker albedo
     by_hand.press_key("2")
-    assert not session.state.by_hand and session.state.mode == list(MODES)[1]
+    assert not session.uses("hand") and session.state.mode == list(MODES)[1]
 
 
 def test_sliders_and_maps_set_the_light(by_hand):
@@ -132,7 +146,7 @@ def test_two_clicks_find_the_sun(by_hand):
     places, pixels = [], []
     for y in range(130, 600, 10):  # left of the split line
         eye, direction = orbit.ray(430, y, SIZE)
-        hits = bench.source.first_hits(np.concatenate([eye, direction])[None].astype(np.float32))
+        hits = by_hand.caster.first_hits(np.concatenate([eye, direction])[None].astype(np.float32))
         if np.isfinite(hits.distance[0]):
             places.append(eye + float(hits.distance[0]) * direction)
             pixels.append(y)
@@ -150,7 +164,7 @@ def test_two_clicks_find_the_sun(by_hand):
 
 
 def test_the_view_is_drawn(by_hand, tmp_path):
-    by_hand.session.hand.finish()
+    finish(by_hand.session.hand)
     picture = by_hand.picture()
     by_hand.press_key("x")
     without = by_hand.picture()
@@ -161,7 +175,7 @@ def test_the_view_is_drawn(by_hand, tmp_path):
 def test_what_is_kept_is_used_by_the_next_command(by_hand, folder):
     session, bench = by_hand.session, by_hand.session.hand
     session.set_hand(lambda each: each.change(azimuth_deg=200.0, sun_share=0.4, brightness_ev=0.5))
-    bench.finish()
+    finish(bench)
     by_hand.press_key("0")
     assert by_hand.note == f"kept in {folder / NAME}: commands use it from now on" and bench.kept == bench.setting
     assert read_lights(folder / NAME).chosen.sun.azimuth_deg == 200.0
@@ -186,7 +200,7 @@ def test_the_open_session_goes_on_under_what_is_kept(folder, tmp_path):
     window = Window(session, SIZE, off_screen=True)
     session.change(angle_deg=70.0)
     window.press_key("9")
-    session.hand.finish()
+    finish(session.hand)
     session.set_hand(lambda each: each.change(azimuth_deg=200.0, sun_share=0.4, brightness_ev=0.5))
     before = session.albedos["estimated"]
     window.press_key("0")
@@ -195,7 +209,7 @@ def test_the_open_session_goes_on_under_what_is_kept(folder, tmp_path):
         window.tick()
     assert window.note == "relit under the captured light that you kept"
     state, kept = window.session.state, window.session.albedos["estimated"]
-    assert (state.angle_deg, state.by_hand, state.split) == (70.0, False, False)
+    assert (state.angle_deg, state.tool, state.split) == (70.0, "", False)
     wanted = Job(request_of(copy, captured_light=None)).known.appearance
     assert wanted.capture["light"] == "set by hand from sun at 150"
     np.testing.assert_allclose(kept, wanted.albedo, atol=1e-6)
@@ -217,8 +231,8 @@ def test_damaged_offers_are_a_message(folder, tmp_path):
     (copy / NAME).write_text("{")
     session = Session(session_of(Job(request_of(copy, captured_light=Environment(np.ones((4, 8, 3)))))), InlineWorker,
                       Clock())  # fmt: skip
-    session.change(by_hand=True)
-    with pytest.raises(InputError, match="not valid JSON"):
-        session.hand.finish()
+    session.change(tool="hand")
+    finish(session.hand)
+    assert "not valid JSON" in session.hand.message
     assert (surface_colors(session) == session.scene.colors_srgb).all()
     session.close()

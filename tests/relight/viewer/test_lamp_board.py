@@ -6,7 +6,6 @@ import pytest
 from relight.lamps.asked import AskedLamp, Brightness
 from relight.lamps.placing import asked_lamps
 from relight.lamps.shapes import SphereLamp
-from relight.viewer.history import MOST_CHANGES
 from relight.viewer.lamp_board import MOST_CAPTURED, LampBoard, place_of
 from splat2mesh.base.errors import InputError
 
@@ -85,13 +84,6 @@ def test_what_changes_nothing_is_no_change():
     assert not board.unsaved
     board.timeline.undo()
     assert board.unsaved
-
-
-def test_only_so_many_changes_are_kept():
-    board = LampBoard()
-    for number in range(MOST_CHANGES + 5):
-        board.dim((number % 2) * 0.5)
-    assert board.timeline._at == MOST_CHANGES
 
 
 @pytest.mark.parametrize(

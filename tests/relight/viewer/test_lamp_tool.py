@@ -208,7 +208,7 @@ def test_reset_is_a_change_that_can_be_undone(window):
     bulb(window)
     now = window.session.lamps.state
     window.press_key("r")
-    assert window.session.lamps.state == window.session.lamps.start and not window.session.state.placing
+    assert window.session.lamps.state == window.session.lamps.start and not window.session.uses("lamps")
     window.press_key("z")
     assert window.session.lamps.state is now
 

@@ -167,13 +167,13 @@ def test_a_drag_looks_around_and_other_modes_come_first(window):
     window.mouse.move()
     window.mouse.release()
     assert window.orbit != orbit and not session.parts.clicks
-    assert session.state.parts and not session.shows_splats
-    session.change(placing=True)
-    assert not session.state.parts and not window.mouse.parts.on
+    assert session.uses("parts") and not session.shows_splats
+    session.change(tool="lamps")
+    assert not session.uses("parts") and not window.mouse.parts.on
     window.press_key("5")
-    assert session.state.parts and not session.state.placing
+    assert session.uses("parts")
     window.press_key("5")
-    assert not session.state.parts and session.shows_splats
+    assert not session.uses("parts") and session.shows_splats
 
 
 def test_what_is_kept_is_a_part_for_the_commands(window, folder, monkeypatch, capfd):

@@ -17,9 +17,9 @@ from relight.viewer.controls import CONTROLS, SLIDERS, key_name
 from relight.viewer.lighting import SessionLighting, SessionScene, _gather, keys
 from relight.viewer.modes import MODES, surface_colors
 from relight.viewer.request import SessionRequest
-from relight.viewer.session import REST_SECONDS, Session
+from relight.viewer.session import Session
 from relight.viewer.state import RANGES, choices_of
-from relight.viewer.worker import ProcessWorker
+from relight.viewer.worker import REST_SECONDS, ProcessWorker
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.progress import Stages
 from splat2mesh.scene.color import bytes_from_unit, linear_from_srgb

@@ -54,22 +54,17 @@ def test_a_browser_sees_it_until_the_session_is_ready():
     assert FIRST_LOOK in _PAGE.format(line="", picture="", header=FIRST_LOOK)
 
 
-def test_a_window_shows_it():
-    command = [sys.executable, "-m", "relight.viewer.waiting", "window"]
-    stream = io.BytesIO()
-    Image.fromarray(PICTURE).save(stream, "PNG")
-    content = stream.getvalue()
+def test_a_window_shows_it(tmp_path):
+    Image.fromarray(PICTURE).save(tmp_path / "first.png")
+    command = [sys.executable, "-m", "relight.viewer.waiting", str(tmp_path / "first.png")]
     environment = {**os.environ, "PYVISTA_OFF_SCREEN": "true"}
-    done = subprocess.run(
-        command, input=len(content).to_bytes(8, "little") + content, env=environment, capture_output=True, timeout=120
-    )
-    assert done.returncode == 0, done.stderr
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE, env=environment) as process:
+        assert process.wait(120) == 0, process.stderr.read()
 
 
 def test_where_it_cannot_be_shown_the_session_comes_without(monkeypatch):
     monkeypatch.setattr(sys, "executable", shutil.which("false") or pytest.skip("no program that fails"))
-    large = np.random.default_rng(0).integers(0, 256, (400, 400, 3), np.uint8)  # more than a pipe holds
-    with in_a_window(large):
+    with in_a_window(PICTURE):
         pass
 
 

@@ -10,7 +10,7 @@ from random_meshes import random_mesh
 
 from splat2mesh.base.errors import InputError
 from splat2mesh.scene.meshfile import mesh_from_ply_bytes, mesh_ply_bytes
-from splat2mesh.tiles.glb import glb_bytes
+from splat2mesh.tiles.tileset import glb_bytes
 
 FAR = np.array([20_000.0, 50.0, -9_000.0])
 

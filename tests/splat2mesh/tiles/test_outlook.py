@@ -9,8 +9,8 @@ from cities import TILE_SPLATS, few_pixels, generated
 from splat2mesh.base.errors import InputError
 from splat2mesh.cli import main
 from splat2mesh.options import ConvertOptions, TilingOptions
+from splat2mesh.tiles.city import lines_of, outlook
 from splat2mesh.tiles.memory import BASE_GB
-from splat2mesh.tiles.outlook import lines_of, outlook
 
 
 @pytest.fixture(scope="module")

@@ -50,8 +50,11 @@ def test_a_failure_is_named_what_waits_for_it_is_left_and_the_rest_is_done():
 
 def test_workers_say_the_same_and_one_that_dies_or_is_gone_is_replaced(tmp_path, monkeypatch):
     pytest.importorskip("distributed")
-    monkeypatch.setattr("splat2mesh.tiles.tasks.PATIENCE_S", 1.0)
-    with tiling_engine(ONE, Stages()) as running:
+    monkeypatch.setattr("splat2mesh.tiles.tasks.CONNECT_S", 0.5)
+    with (
+        pytest.importorskip("dask").config.set({"distributed.deploy.lost-worker-timeout": "1s"}),
+        tiling_engine(ONE, Stages()) as running,
+    ):
         assert isinstance(running, Cluster)
         assert outcomes(running) == outcomes(Loop())
         tasks = [Task(f"die {n}", die_once, (str(tmp_path), n)) for n in range(1)]

@@ -1,0 +1,130 @@
+"""Answers to what a hand changes in a session: a quick one at once, the exact one when the input rests.
+
+Two threads work. One answers the newest state quickly, from the newest exact answer. The other answers in full a state
+that rests, and stops once another is wanted.
+"""
+
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+from .lighting import SPARE
+from .worker import Superseded, in_words
+
+Asked = TypeVar("Asked")
+Found = TypeVar("Found")
+Made = TypeVar("Made")
+
+Check = Callable[..., None]
+"""Called often, with any count; it ends the work by raising Superseded once another state is wanted."""
+
+
+@dataclass(frozen=True, eq=False)
+class Answer(Generic[Asked, Found]):
+    """The result for a state. exact: whether in full."""
+
+    state: Asked
+    result: Found
+    exact: bool = True
+
+
+class Bench(Generic[Asked, Found]):
+    """Answers the state that is wanted. `poll` it often.
+
+    wanted: returns the present state; states are compared by ==. exact: the work that finds the result for a state.
+    quick: that for a coarse result, from an exact Answer. Both are called in the window's thread, the work is not; None
+    where there is nothing to do. first: an Answer to begin with.
+    """
+
+    def __init__(
+        self,
+        wanted: Callable[[], Asked],
+        exact: Callable[[Asked, Check], Callable[[], Found] | None],
+        quick: Callable[[Asked, Answer[Asked, Found]], Callable[[], Found | None] | None],
+        first: Answer[Asked, Found] | None = None,
+    ) -> None:
+        self._wanted, self._closed = wanted, False
+        self._exact, self._quick = exact, quick
+        self._pools = {full: ThreadPoolExecutor(1, "exact" if full else "quick") for full in (False, True)}
+        self._running: dict[bool, tuple[Asked, Future[Found | None]]] = {}
+        self._kept = [] if first is None else [first]
+        self._newest = first
+        self._tried: Asked | None = None  # what was answered quickly last
+        self._failed: tuple[Asked, str] | None = None
+
+    @property
+    def shown(self) -> Answer[Asked, Found] | None:
+        """The newest Answer, or the exact one to what is wanted."""
+        wanted = self._wanted()
+        return next((each for each in reversed(self._kept) if each.state == wanted), self._newest)
+
+    @property
+    def settled(self) -> bool:
+        """Whether what is wanted is answered in full."""
+        shown = self.shown
+        return shown is not None and shown.exact and shown.state == self._wanted()
+
+    @property
+    def failure(self) -> str:
+        """Why what is wanted cannot be answered, or ""."""
+        return self._failed[1] if self._failed is not None and self._failed[0] == self._wanted() else ""
+
+    @property
+    def busy(self) -> bool:
+        """Whether an answer is under way."""
+        return bool(self._running)
+
+    def submit(self, work: Callable[[], Made]) -> "Future[Made]":
+        """Do other work in the thread of exact answers."""
+        return self._pools[True].submit(work)
+
+    def poll(self, rests: bool) -> bool:
+        """Collect what is done and start what is missing; return whether the answer changed. rests: whether the input
+        does, so that an exact one is worth its time."""
+        changed = self._collected(False) | self._collected(True)
+        wanted = self._wanted()
+        if self.settled:
+            self._newest, self._tried = self.shown, None
+        if self.settled or self.failure:
+            return changed
+        if (rests or self._newest is None) and True not in self._running:
+            self._start(True, wanted, self._exact(wanted, self._check(wanted)))
+        if self._kept and wanted != self._tried and False not in self._running:
+            self._tried = wanted
+            self._start(False, wanted, self._quick(wanted, self._kept[-1]))
+        return changed
+
+    def close(self) -> None:
+        """End all work."""
+        self._closed = True
+        for pool in self._pools.values():
+            pool.shutdown(wait=False, cancel_futures=True)
+
+    def _start(self, full: bool, state: Asked, work: Callable[[], Found | None] | None) -> None:
+        if work is not None:
+            self._running[full] = state, self._pools[full].submit(work)
+
+    def _check(self, state: Asked) -> Check:
+        def check(_: int = 0) -> None:
+            if self._closed or self._wanted() != state:
+                raise Superseded
+
+        return check
+
+    def _collected(self, full: bool) -> bool:
+        """Take a finished answer; return whether there is one."""
+        if full not in self._running or not self._running[full][1].done():
+            return False
+        state, done = self._running.pop(full)
+        error = done.exception()
+        if error is not None and not isinstance(error, Superseded):
+            self._failed = state, in_words(error)
+        result = None if error is not None else done.result()
+        if result is not None:
+            answer = Answer(state, result, full)
+            if full:
+                self._kept = [*self._kept[-SPARE:], answer]
+            if not full or self._newest is None or state == self._wanted():  # a quick one is closer to the present
+                self._newest = answer
+        return error is None or bool(self.failure)
