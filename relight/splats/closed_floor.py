@@ -22,7 +22,7 @@ from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.cleaning import sound
 from splat2mesh.splats.splats import Splats
-from splat2mesh.surface.color import RenderedPicture, vertex_colors
+from splat2mesh.surface.album import Album, RenderedPicture, filled_in
 
 from ..albedo.seen import standing
 from ..transfer.store import Cache, array_key
@@ -201,7 +201,8 @@ def _colors(
         pictures.append(RenderedPicture.from_render(view, color, depth, np.full_like(depth, np.nan)))
     seen = (points @ back[:3, :3].T + back[:3, 3]).astype(np.float32)
     normals = np.tile((matrix[:3, :3].T @ mirror.normal / scale).astype(np.float32), (len(points), 1))
-    return np.asarray(vertex_colors(seen, normals, pictures)[0], np.uint8)
+    album = Album.of_object(pictures, float(np.linalg.norm(np.ptp(seen, axis=0))) / 2)
+    return filled_in(album.look_up(seen, normals)[0], seen)[0]
 
 
 def _restored(arrays: Mapping[str, NDArray[Any]]) -> _Patch:

@@ -21,7 +21,7 @@ from ..render.view import View
 from ..splats.merging import merged
 from ..splats.splats import Splats
 from ..views.viewpoints import bounds_of, near_plane
-from .color import RenderedPicture
+from .album import RenderedPicture
 from .fusion import PlaneMap, fuse
 from .sight import Sighting
 from .sugar import DensityField, SurfacePoints, poisson, surface_points

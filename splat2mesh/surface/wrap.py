@@ -1,4 +1,5 @@
-"""A closed surface around a mesh: the level set of its distance, at one voxel, with unreachable cavities filled."""
+"""A closed surface around a mesh: the level set of its distance, with unreachable cavities filled; and convex parts of
+it, as engines need for colliders."""
 
 import math
 
@@ -37,6 +38,13 @@ FARTHEST = 2 * MARGIN
 """Distance of the closed surface from the mesh, in voxels, at most: MARGIN, CIRCUMRADIUS and TOLERANCE."""
 
 
+CONVEX_CELLS = 1e5
+"""Voxels of the closed surface that is cut into parts: the work of cutting grows with its faces."""
+
+CONCAVITY = 0.05
+"""Largest concavity of a part, in sizes of the whole: the default of CoACD."""
+
+
 def closed_around(
     vertices: NDArray[np.floating],  # (V, 3)
     faces: NDArray[np.integer],  # (F, 3)
@@ -68,6 +76,26 @@ def closed_around(
     simple = whole.simplify(TOLERANCE).to_mesh()
     points = low + voxel * np.asarray(simple.vert_properties, np.float64)[:, :3]
     return points.astype(np.float32), np.asarray(simple.tri_verts).astype(np.int32), voxel
+
+
+def convex_parts(
+    vertices: NDArray[np.floating],  # (V, 3)
+    faces: NDArray[np.integer],  # (F, 3)
+    eyes: NDArray[np.floating] | None = None,  # (E, 3) places that stay open
+    cells: float = CONVEX_CELLS,
+    seed: int = 0,
+) -> tuple[list[tuple[NDArray[np.float32], NDArray[np.int32]]], float]:
+    """(vertices, faces) of convex meshes whose union holds the mesh, and the voxel of the closed surface between.
+
+    Wei et al., Approximate Convex Decomposition for 3D Meshes with Collision-Aware Concavity and Tree Search, 2022, by
+    coacd. Raises InputError for a mesh without extent, and without coacd or manifold3d.
+    """
+    coacd = needed("coacd", "a convex proxy")
+    points, triangles, voxel = closed_around(vertices, faces, eyes, cells)
+    coacd.set_log_level("off")
+    whole = coacd.Mesh(points.astype(np.float64), triangles)
+    found = coacd.run_coacd(whole, threshold=CONCAVITY, preprocess_mode="off", seed=seed)
+    return [(np.asarray(corner, np.float32), np.asarray(face, np.int32)) for corner, face in found], voxel
 
 
 def _voxel_of(vertices: Points, cells: float) -> float:
