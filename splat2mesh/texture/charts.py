@@ -26,12 +26,6 @@ GUTTER = 1
 SMOOTHED = 2
 """How often normals are averaged over neighbours before charts are cut by them, or noise cuts them to shreds."""
 
-TURNS = 8
-"""Orientations within a quarter turn that are tried for a chart, to fill its rectangle best."""
-
-FITS = 24
-"""Steps of the search for the largest scale at which all charts fit."""
-
 
 class Charts(NamedTuple):
     """Charts of a surface, C of them, as large as requested and not placed yet.
@@ -57,7 +51,7 @@ class Charts(NamedTuple):
         if _pack(self.extent, self.order, size, corner):
             low = 1.0
         else:
-            for _ in range(FITS):
+            while (high - low) * size > 1.0:  # a texel
                 middle = (low + high) / 2
                 if _pack(self.extent * middle, self.order, size, corner):
                     low = middle
@@ -85,7 +79,6 @@ def charts_of(points: Points, faces: Integers, density: Floats) -> Charts:
     vertex, chart = key % len(points), key // len(points)
     places = points[vertex].astype(np.float64)
     across = np.stack([(places * plane[chart, row]).sum(axis=1) for row in range(2)], axis=1) * wanted[chart, None]
-    _turn(across, chart, count)
     low, high = np.full((count, 2), np.inf), np.full((count, 2), -np.inf)
     np.minimum.at(low, chart, across)
     np.maximum.at(high, chart, across)
@@ -205,26 +198,6 @@ def _planes(label: Indices, count: int, crosses: Floats, normals: Directions, ax
     first = np.cross(axis, helper)
     first /= np.maximum(np.linalg.norm(first, axis=1), 1e-300)[:, None]
     return np.stack([first, np.cross(axis, first)], axis=1)
-
-
-def _turn(across: NDArray[np.float64], chart: Indices, count: int) -> None:
-    """Turn each chart, in place, to the orientation whose rectangle is smallest."""
-    best, angle = np.full(count, np.inf), np.zeros(count)
-    for step in range(TURNS):
-        a = step * np.pi / 2 / TURNS
-        x, y = np.cos(a) * across[:, 0] - np.sin(a) * across[:, 1], np.sin(a) * across[:, 0] + np.cos(a) * across[:, 1]
-        sides = [_range(each, chart, count) + 2 * GUTTER + 1 for each in (x, y)]
-        better = sides[0] * sides[1] < best * (1 - 1e-9)
-        best, angle = np.where(better, sides[0] * sides[1], best), np.where(better, a, angle)
-    cos, sin = np.cos(angle)[chart], np.sin(angle)[chart]
-    across[:] = np.stack([cos * across[:, 0] - sin * across[:, 1], sin * across[:, 0] + cos * across[:, 1]], axis=1)
-
-
-def _range(values: Floats, chart: Indices, count: int) -> Floats:
-    low, high = np.full(count, np.inf), np.full(count, -np.inf)
-    np.minimum.at(low, chart, values)
-    np.maximum.at(high, chart, values)
-    return high - low
 
 
 @kernel
