@@ -5,7 +5,6 @@ its surface: texels follow the detail of the capture, which varies over a place.
 takes half a minute for half as many.
 """
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -17,14 +16,8 @@ from ..base.kernels import kernel
 STEEPEST = 0.55
 """Cosine between a face and the plane of its chart, at least: there a texel is stretched to twice its width."""
 
-WIDEST = 400.0
-"""Side of a chart in texels, at most: rows of the square waste less beside small charts."""
-
 GUTTER = 1
 """Texels around each chart that repeat its border, for what bilinear filtering mixes in."""
-
-SMOOTHED = 2
-"""How often normals are averaged over neighbours before charts are cut by them, or noise cuts them to shreds."""
 
 
 class Charts(NamedTuple):
@@ -70,7 +63,7 @@ def charts_of(points: Points, faces: Integers, density: Floats) -> Charts:
     normals = crosses / np.maximum(areas, 1e-300)[:, None]
     label = np.full(len(faces), -1, np.int64)
     axes = np.zeros((len(faces), 3))
-    count = _grow(corners, normals, _smoothed(crosses, neighbors), neighbors, density, label, axes)
+    count = _grow(normals, neighbors, density, label, axes)
     plane = _planes(label, count, crosses, normals, axes[:count])
     wanted = np.bincount(label, areas * density, count) / np.maximum(np.bincount(label, areas, count), 1e-300)
     bare = np.bincount(label, density, count) / np.bincount(label, minlength=count)
@@ -112,77 +105,32 @@ def _pair(key: Integers, order: Indices, found: NDArray[np.int64]) -> None:
             i += 1
 
 
-def _smoothed(crosses: Floats, neighbors: Integers) -> Floats:
-    """(F, 3) unit normals of faces, averaged with those beside by area."""
-    inside, smooth = (neighbors >= 0)[..., None], crosses
-    for _ in range(SMOOTHED):
-        smooth = smooth + np.where(inside, smooth[neighbors], 0.0).sum(axis=1)
-    return smooth / np.maximum(np.linalg.norm(smooth, axis=1), 1e-300)[:, None]
-
-
 @kernel
-def _grow(
-    corners: Floats,
-    normals: Directions,
-    smooth: Directions,
-    neighbors: Integers,
-    density: Floats,
-    label: NDArray[np.int64],
-    axes: Floats,
-) -> int:
-    """Give each face the number of its chart, and each chart the normal of its plane; returns the number of charts.
-    Number by number: with expressions of whole arrays Numba compiles 58 functions more."""
+def _grow(normals: Directions, neighbors: Integers, density: Floats, label: NDArray[np.int64], axes: Floats) -> int:
+    """Give each face the number of its chart, and each chart the normal of its plane; returns the number of charts."""
     count = 0
     queue = np.empty(len(label), np.int64)
     for seed in range(len(label)):
         if label[seed] >= 0:
             continue
-        x, y, z = smooth[seed, 0], smooth[seed, 1], smooth[seed, 2]
-        if x * normals[seed, 0] + y * normals[seed, 1] + z * normals[seed, 2] < STEEPEST:
-            x, y, z = normals[seed, 0], normals[seed, 1], normals[seed, 2]
+        x, y, z = normals[seed, 0], normals[seed, 1], normals[seed, 2]
         axes[count, 0], axes[count, 1], axes[count, 2] = x, y, z
-        # Across the axis: p, its cross product with the axis of the scene that it is farthest from, then q.
-        if abs(x) <= abs(y) and abs(x) <= abs(z):
-            px, py, pz = 0.0, z, -y
-        elif abs(y) <= abs(z):
-            px, py, pz = -z, 0.0, x
-        else:
-            px, py, pz = y, -x, 0.0
-        length = math.sqrt(px * px + py * py + pz * pz)
-        length = length if length > 1e-300 else 1e-300
-        px, py, pz = px / length, py / length, pz / length
-        qx, qy, qz = y * pz - z * py, z * px - x * pz, x * py - y * px
-        left, right, base, top = np.inf, -np.inf, np.inf, -np.inf
-        queue[0] = seed
-        label[seed] = count
+        queue[0], label[seed] = seed, count
         first, last, finest = 0, 1, density[seed]
         while first < last:
             f = queue[first]
             first += 1
             for side in range(3):
-                g = f if first == 1 and side == 0 and last == 1 else neighbors[f, side]
-                if g < 0 or (label[g] >= 0 and g != seed):
+                g = neighbors[f, side]
+                if g < 0 or label[g] >= 0:
                     continue
-                if g != seed:
-                    if normals[g, 0] * x + normals[g, 1] * y + normals[g, 2] * z < STEEPEST:
-                        continue
-                    if smooth[g, 0] * x + smooth[g, 1] * y + smooth[g, 2] * z < STEEPEST:
-                        continue
-                    if density[g] > 2.0 * finest or finest > 2.0 * density[g]:
-                        continue
-                new_left, new_right, new_base, new_top = left, right, base, top
-                for corner in range(3):
-                    cx, cy, cz = corners[g, corner, 0], corners[g, corner, 1], corners[g, corner, 2]
-                    u, v = (cx * px + cy * py + cz * pz) * finest, (cx * qx + cy * qy + cz * qz) * finest
-                    new_left, new_right = u if u < new_left else new_left, u if u > new_right else new_right
-                    new_base, new_top = v if v < new_base else new_base, v if v > new_top else new_top
-                if g != seed and (new_right - new_left > WIDEST or new_top - new_base > WIDEST):
+                if normals[g, 0] * x + normals[g, 1] * y + normals[g, 2] * z < STEEPEST:
                     continue
-                left, right, base, top = new_left, new_right, new_base, new_top
-                if g != seed:
-                    label[g] = count
-                    queue[last] = g
-                    last += 1
+                if density[g] > 2.0 * finest or finest > 2.0 * density[g]:
+                    continue
+                label[g] = count
+                queue[last] = g
+                last += 1
         count += 1
     return count
 
