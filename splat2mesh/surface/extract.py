@@ -36,8 +36,8 @@ PROBES, PROBE_PIXELS = 8, 128
 LEAST_POINTS = 100
 """Points without which there is no surface."""
 
-FINEST_VOXEL = 0.5
-"""Smallest voxel in training pixels: there is nothing finer in a splat."""
+FINEST_CELL = 0.7
+"""Least side of a voxel, or of a cell of a place, in training pixels: there is nothing finer in a splat."""
 
 SPARE_VERTICES = 1.3
 """Vertices of a raw surface over those wanted, where it is made again for a larger mesh."""
@@ -135,7 +135,7 @@ def _field(look: Look, effort: Effort, vertices: int, stages: Stages) -> tuple[A
     voxel = diagonal / effort.cells
     with stages.stage("fusion", total=len(views)) as advance:
         mesh = fuse(maps, voxel, advance)
-    found, finest = len(mesh.vertices), FINEST_VOXEL * pixel
+    found, finest = len(mesh.vertices), FINEST_CELL * pixel
     if found < vertices and finest < voxel:
         # Larger meshes need smaller voxels, as far as the splat itself resolves them.
         with stages.stage("finer fusion", total=len(views)) as advance:
