@@ -56,7 +56,8 @@ class DensityField:
         Returns SurfacePoints of the rays that enter it within REACH; normals are those of the field's gradient.
         """
         local, ahead = (points - self._origin).astype(np.float32), directions.astype(np.float32)
-        neighbors = self._tree.query(local, min(NEIGHBORS, self._tree.n), workers=-1)[1].reshape(len(local), -1)
+        count = min(NEIGHBORS, self._tree.n)
+        neighbors = self._tree.query(local, count, workers=-1)[1].reshape(len(local), count)
         offset, normal = np.full(len(local), np.nan, np.float32), np.zeros((len(local), 3), np.float32)
 
         def enter(rows: slice) -> None:
