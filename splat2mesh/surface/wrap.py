@@ -41,9 +41,6 @@ FARTHEST = 2 * MARGIN
 CONVEX_CELLS = 1e5
 """Voxels of the closed surface that is cut into parts: the work of cutting grows with its faces."""
 
-CONCAVITY = 0.05
-"""Largest concavity of a part, in sizes of the whole: the default of CoACD."""
-
 
 def closed_around(
     vertices: NDArray[np.floating],  # (V, 3)
@@ -91,10 +88,10 @@ def convex_parts(
     coacd. Raises InputError for a mesh without extent, and without coacd or manifold3d.
     """
     coacd = needed("coacd", "a convex proxy")
-    points, triangles, voxel = closed_around(vertices, faces, eyes, cells)
+    points, triangles, voxel = closed_around(vertices, faces, eyes, cells=cells)
     coacd.set_log_level("off")
     whole = coacd.Mesh(points.astype(np.float64), triangles)
-    found = coacd.run_coacd(whole, threshold=CONCAVITY, preprocess_mode="off", seed=seed)
+    found = coacd.run_coacd(whole, preprocess_mode="off", seed=seed)
     return [(np.asarray(corner, np.float32), np.asarray(face, np.int32)) for corner, face in found], voxel
 
 
