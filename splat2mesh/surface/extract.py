@@ -40,8 +40,8 @@ FINEST_CELL = 0.7
 """Least side of a voxel, or of a cell of a place, in training pixels: there is nothing finer in a splat."""
 
 SPARE_VERTICES = 1.3
-"""Vertices of a raw surface over those wanted, where it is made again for a larger mesh: as many as are wanted lose .014
-of F.25 on ceramics."""
+"""Vertices of a raw surface over those wanted, where it is made again for a larger mesh: without spare ones ceramics
+lose .014 of F.25."""
 
 PER_PIXEL = 1.5
 """Gaussians for each pixel of a view, beyond which they are merged: half a one for each pixel of the surface, which a
