@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from splat2mesh.base.choices import MOST_STEPS
-from splat2mesh.base.collecting import compile_without_collector, import_without_collector
 from splat2mesh.base.commandline import chosen, several, share
 from splat2mesh.base.console import Display, notify, open_streams, run
 from splat2mesh.base.errors import InputError
@@ -158,20 +157,14 @@ def _command(words: argparse.Namespace, display: Display) -> tuple[list[str], An
 def _done(
     words: argparse.Namespace, request: RelightRequest, port: int | None, display: Display
 ) -> tuple[list[str], Any]:
-    with import_without_collector():
-        from splat2mesh.base.kernels import without_blas, without_c_functions
+    from .jobs import folders, turned
 
-        from .jobs import folders, turned
-
-        without_blas()
-    without_c_functions()
     request = turned.turned_about(request, axis_from(getattr(words, "angles_deg", "")))
 
     if folders.is_city(request) or request.sequence:
         _refuse_sessions(words, "a sequence" if request.sequence else "a city in tiles")
     elif port is not None and _is_page(Path(words.scene)):
         return _page_served(Path(words.scene), port, display)
-    compile_without_collector()
     stages = Stages(display.progress, display.tell)
     try:
         if hasattr(words, "plan"):

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from .base.choices import DEFAULT_FPS
-from .base.collecting import compile_without_collector
 from .base.commandline import Parser, chosen, count
 from .base.completion import add_completion, offer
 from .base.console import Display, open_streams, peak_mb, run
@@ -194,9 +193,6 @@ def _command(words: argparse.Namespace, display: Display) -> tuple[list[str], An
 def _meshed(
     words: argparse.Namespace, display: Display, options: ConvertOptions, tiling: TilingOptions | None
 ) -> tuple[list[str], Any]:
-    from .base.kernels import without_blas, without_c_functions
-
-    without_blas()
     from .api import mesh_files, mesh_sequence, plan_mesh
 
     if not hasattr(words, "texture") and tiling is None and not is_url(words.input):
@@ -206,8 +202,6 @@ def _meshed(
         if hasattr(words, "plan"):
             found = plan_mesh(words.input, options, tiling=tiling, stages=stages)
             return _plan_lines(found), found
-        compile_without_collector()
-        without_c_functions()
         where, overwrite = (words.input, getattr(words, "output", None), options), hasattr(words, "overwrite")
         if hasattr(words, "sequence"):
             meshed = mesh_sequence(*where, overwrite=overwrite, stages=stages, fps=getattr(words, "fps", DEFAULT_FPS))

@@ -36,7 +36,7 @@ from .views.cameras import spread_out
 from .views.eyes import around
 from .views.picture import mesh_depth, place_view
 from .views.standpoints import ROOM_SHARE, Standpoints
-from .views.viewpoints import bounds_of, first_views, near_plane, picture_view, virtual_views
+from .views.viewpoints import bounds_of, near_plane, picture_view, virtual_views
 
 GROUND_VERTICES = 200_000
 """At most, of an object that was captured with the ground around it, where colours ask for more."""
@@ -94,7 +94,7 @@ def _looks_of(capture: Capture, asked: ConvertOptions, stages: Stages) -> list[L
         if capture.trained:
             views = [view.resized(effort.pixels) for view in spread_out(capture.trained, effort.views)]
         else:
-            views = first_views(shown, effort.views, effort.pixels, up, asked.seed)
+            views = virtual_views(shown, effort.views, effort.pixels, up, asked.seed)
     looks = [Look.around(shown, pixel, views)]
     if capture.far.any() and asked.background == "keep":
         behind = capture.splats.take(np.flatnonzero(capture.far))

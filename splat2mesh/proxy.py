@@ -8,8 +8,7 @@ from .base.errors import InputError
 from .base.extras import needed
 from .scene.glb import Glb
 from .scene.scene import Scene
-from .surface.convex import convex_parts
-from .surface.wrap import closed_around
+from .surface.wrap import closed_around, convex_parts
 
 NODES = {"closed": "-colonly", "convex": "-convcolonly"}
 """Kind -> what Godot's importer makes a body for collisions of, by the end of a node's name."""

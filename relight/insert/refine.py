@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Faces, Integers, Mask, Points
+from splat2mesh.scene.mesh import edges_of, halved
 
 MOST_ROUNDS = 12
 """Rounds of halving: an edge becomes at most 4,096 edges."""
@@ -26,12 +27,12 @@ def refined(
     for _ in range(MOST_ROUNDS):
         if len(corners) + len(others) > most_faces:
             break
-        edges = np.stack([corners, np.roll(corners, -1, axis=1)], axis=-1)
+        edges = edges_of(corners)
         length = np.linalg.norm(points[edges[..., 0]] - points[edges[..., 1]], axis=-1)
-        halved = (length > longest) & wanted[edges].any(axis=-1)
-        if not halved.any():
+        long = (length > longest) & wanted[edges].any(axis=-1)
+        if not long.any():
             break
-        corners, parents = _halved(corners, edges, halved, len(points))
+        corners, parents = halved(corners, long, len(points))
         rounds.append(parents)
         points = np.concatenate([points, points[parents].mean(axis=1)])
         wanted = np.concatenate([wanted, wanted[parents].any(axis=1)])
@@ -49,22 +50,3 @@ def unit(normals: NDArray) -> NDArray[np.float32]:
     """Normals (V, 3) at unit length; zero normals stay."""
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     return np.divide(normals, length, out=np.array(normals, np.float32), where=length > 0.0)
-
-
-def _halved(faces: Integers, edges: Integers, halved: Mask, count: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Faces whose edges (F, 3, 2) are halved where a mask (F, 3) says, and the parents (M, 2) of the new vertices."""
-    keys = np.sort(edges, axis=-1) @ np.array([count, 1])
-    found = np.unique(keys[halved])
-    place = np.minimum(np.searchsorted(found, keys), len(found) - 1)
-    cut = found[place] == keys  # an edge is halved in all its faces
-    middle = place + count
-    first = np.select([cut.sum(axis=1) == 1, cut.sum(axis=1) == 2], [cut.argmax(axis=1), (~cut).argmax(axis=1)], 0)
-    turn = (first[:, None] + np.arange(3)) % 3
-    a, b, c = np.take_along_axis(faces, turn, axis=1).T
-    ab, bc, ca = np.take_along_axis(middle, turn, axis=1).T
-    parts = [[(a, b, c)], [(a, ab, c), (ab, b, c)], [(a, b, bc), (a, bc, ca), (ca, bc, c)]]
-    parts.append([(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)])
-    of_face = [[np.stack(corners, axis=1) for corners in each] for each in parts]
-    number = cut.sum(axis=1)
-    pieces = [made[number == cuts] for cuts, each in enumerate(of_face) for made in each]
-    return np.concatenate(pieces), np.stack([found // count, found % count], axis=1)

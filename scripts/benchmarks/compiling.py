@@ -1,7 +1,7 @@
 """Processor seconds that a command spends on compiling its kernels, from an empty cache, kernel by kernel.
 
 The command runs in a separate process, so a scene folder that it writes must be new; functions compiled within a
-kernel, such as Numba's own, have separate rows. --collector leaves Python's collector of cycles on.
+kernel, such as Numba's own, have separate rows.
 Beside other work, seconds vary by a fifth: alternate several runs.
 """
 
@@ -36,10 +36,7 @@ class Listener(event.Listener):
 
 listener = Listener()
 event.register("numba:compile", listener)
-out, collector, module, *sys.argv[1:] = sys.argv[1:]
-if collector == "True":
-    from splat2mesh.base import collecting
-    collecting.compile_without_collector = lambda: None
+out, module, *sys.argv[1:] = sys.argv[1:]
 atexit.register(lambda: json.dump([listener.rows, time.process_time()], open(out, "w")))
 sys.argv[0] = module
 runpy.run_module(module, run_name="__main__", alter_sys=True)
@@ -50,14 +47,13 @@ def arguments(parser):
     parser.add_argument("command", nargs="?", choices=["splat2mesh", "relight"], default="relight")
     parser.add_argument("words", nargs="*", metavar="ARGUMENT", help="of the command; after -- where it is an option")
     parser.add_argument("--version", dest="words", action="store_const", const=["--version"], help="of the command")
-    parser.add_argument("--collector", action="store_true", help="leave the collector on, as before")
     parser.add_argument("--rows", type=int, default=30, help="kernels that are listed, the slowest first")
 
 
 def run(options, report):
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "rows.json"
-        command = [sys.executable, "-c", TRACE, str(out), str(options.collector), options.command, *options.words]
+        command = [sys.executable, "-c", TRACE, str(out), options.command, *options.words]
         subprocess.run(command, env=os.environ | {"NUMBA_CACHE_DIR": folder}, stdout=subprocess.DEVNULL, check=True)
         rows, seconds = json.loads(out.read_text())
     spent: dict[str, list[float]] = {}

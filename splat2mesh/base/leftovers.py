@@ -1,13 +1,11 @@
 """The hidden folders in which outputs grow: claimed by one run at a time, cleaned up after runs that were killed.
 
-.NAME.unfinished/name    the name of the output
 .NAME.unfinished/new     what is being written
 .NAME.unfinished/old     the previous output, while the new one takes its place
 
 A run holds an exclusive lock (flock) on the folder; the system releases it when the run ends, in whatever way.
 """
 
-import hashlib
 import os
 import shutil
 import warnings
@@ -16,10 +14,8 @@ from pathlib import Path
 
 from .errors import DataWarning, InputError
 
-NAME, NEW, OLD = "name", "new", "old"
+NEW, OLD = "new", "old"
 SUFFIX = ".unfinished"
-LONGEST_NAME = 255
-"""Bytes of one name, on every file system in use."""
 
 
 class Busy(Exception):
@@ -28,10 +24,12 @@ class Busy(Exception):
 
 def workspace_of(path: Path) -> Path:
     """Return the temporary path of an output: beside it, so a rename is one step. path: of the output."""
-    stem = path.name
-    if len(os.fsencode(stem)) > LONGEST_NAME - len(f".{SUFFIX}"):
-        stem = hashlib.sha256(os.fsencode(stem)).hexdigest()[:32]
-    return path.with_name(f".{stem}{SUFFIX}")
+    return path.with_name(f".{path.name}{SUFFIX}")
+
+
+def _target(workspace: Path) -> Path:
+    """The output that a temporary path is of."""
+    return workspace.with_name(workspace.name[1 : -len(SUFFIX)])
 
 
 def claim(workspace: Path) -> int:
@@ -65,13 +63,13 @@ def claim(workspace: Path) -> int:
 
 
 def release(workspace: Path, lock: int) -> None:
-    """Remove the folder, its content and its lock. A previous output that could not be restored stays in it. lock: as
-    `claim` returned it."""
+    """Remove the folder, its content and its lock; a previous output that nothing has replaced is restored first. lock:
+    as `claim` returned it."""
     try:
-        if not os.path.lexists(workspace / OLD) or _settled(workspace):
-            with suppress(OSError):
-                _empty(workspace)
-                workspace.rmdir()
+        with suppress(OSError):
+            _restore(workspace)
+            _empty(workspace)
+            workspace.rmdir()
     finally:
         _close(lock)
 
@@ -107,63 +105,35 @@ def _ours(workspace: Path) -> bool:
     if workspace.is_symlink():
         return False
     try:
-        return set(os.listdir(workspace)) <= {NAME, NEW, OLD}
+        return set(os.listdir(workspace)) <= {NEW, OLD}
     except NotADirectoryError:
         return False
 
 
 def _clean(workspace: Path) -> None:
     """Empty a locked folder that a killed run left, with a warning."""
-    message = f"removed {workspace}, left by a run that was killed"
-    if os.path.lexists(workspace / OLD):
-        target, replaced = _target(workspace), not os.path.lexists(workspace / NEW)
-        if not _settled(workspace):
-            kept = _free_name(workspace.with_name(f"{target.name if target else workspace.name[1:]}.before"))
-            (workspace / OLD).rename(kept)
-            message += f"; the files that it was about to replace are now in {kept}"
-        elif not replaced:
-            message += f", and put {target} back"
+    restored = _restore(workspace)
     _empty(workspace)
-    warnings.warn(message, DataWarning, stacklevel=4)
+    message = f"removed {workspace}, left by a run that was killed"
+    warnings.warn(message + (f", and put {restored} back" if restored else ""), DataWarning, stacklevel=4)
+
+
+def _restore(workspace: Path) -> Path | None:
+    """Put a previous output back where nothing stands in its place: its path, or None."""
+    target = _target(workspace)
+    if os.path.lexists(target) or not os.path.lexists(workspace / OLD):
+        return None
+    (workspace / OLD).rename(target)
+    return target
 
 
 def _empty(workspace: Path) -> None:
-    """Remove what is in the folder. The name goes last: without it the previous output would count as the only copy."""
-    for entry in (workspace / OLD, workspace / NEW, workspace / NAME):
+    """Remove what is in the folder."""
+    for entry in (workspace / OLD, workspace / NEW):
         if entry.is_dir() and not entry.is_symlink():
             shutil.rmtree(entry)
         else:
             entry.unlink(missing_ok=True)
-
-
-def _free_name(path: Path) -> Path:
-    found, number = path, 1
-    while os.path.lexists(found):
-        number += 1
-        found = path.with_name(f"{path.name}-{number}")
-    return found
-
-
-def _settled(workspace: Path) -> bool:
-    """Whether the previous output is safe: replaced by the new one, or restored now."""
-    target = _target(workspace)
-    if target is None:
-        return False
-    if not os.path.lexists(workspace / NEW):
-        return True
-    if os.path.lexists(target):
-        return False  # by something else: there are three, and none of them may go
-    (workspace / OLD).rename(target)
-    return True
-
-
-def _target(workspace: Path) -> Path | None:
-    try:
-        name = (workspace / NAME).read_text(encoding="utf-8", errors="surrogateescape")
-    except OSError:
-        return None
-    target = workspace.with_name(name) if name and "/" not in name and "\0" not in name else None
-    return target if target is not None and workspace_of(target) == workspace else None
 
 
 def _locked(workspace: Path) -> int:

@@ -5,6 +5,7 @@ run that writes holds a lock on that folder; if it is killed, the lock is releas
 removes the folder, or restores the output that had been moved aside (see `leftovers`).
 """
 
+import errno
 import os
 import shutil
 from collections.abc import Iterator
@@ -13,7 +14,7 @@ from pathlib import Path
 
 from .errors import InputError
 from .interrupts import shielded
-from .leftovers import LONGEST_NAME, NAME, NEW, OLD, Busy, claim, release, sweep, workspace_of
+from .leftovers import NEW, OLD, Busy, claim, release, sweep, workspace_of
 
 _growing: list[Path] = []  # folders that this process fills at the moment, and that appear as a whole
 
@@ -109,7 +110,6 @@ def _workspace(path: Path) -> Iterator[Path]:
                     raise InputError(
                         f"another run is writing {path}: wait for it, or choose another `output`"
                     ) from None
-                (workspace / NAME).write_text(path.name, encoding="utf-8", errors="surrogateescape")
                 (workspace / NEW).mkdir()
             yield workspace
         finally:
@@ -161,7 +161,8 @@ def _check_free(path: Path, overwrite: bool, marker: str | None) -> None:
 def _check_names(path: Path) -> None:
     if "\0" in str(path):
         raise InputError("`output` contains a NUL character")
-    for part in path.absolute().parts:
-        size = len(os.fsencode(part))
-        if size > LONGEST_NAME:
-            raise InputError(f"`output` {part[:40]}... is a name of {size} bytes, expected at most {LONGEST_NAME}")
+    try:
+        os.lstat(workspace_of(path.absolute()))
+    except OSError as error:
+        if error.errno == errno.ENAMETOOLONG:
+            raise InputError(f"`output` {path.name[:40]}... is too long a name for a file") from None

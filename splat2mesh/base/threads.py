@@ -19,9 +19,6 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 ROWS_AT_ONCE = 2**16
 """Rows of arrays that are worked on at once: enough to hide a call of NumPy, and little memory."""
 
-MIN_SHARED = 2048
-"""Vertices from which sharing them between cores pays off."""
-
 _here = threading.local()
 
 
@@ -41,8 +38,7 @@ def shared(kernel: Callable) -> Callable:
     """Make loop(count, *arrays) of a compiled kernel(begin, end, *arrays) that releases the GIL.
 
     The kernel runs over the items 0..count, in order, a part of them in each thread; so the result of an item must not
-    depend on the others, and the bits do not depend on the number of threads. For long items, such as rows of a
-    picture; vertices use `in_slices`.
+    depend on the others, and the bits do not depend on the number of threads.
     """
 
     @wraps(kernel)
@@ -53,8 +49,8 @@ def shared(kernel: Callable) -> Callable:
 
 
 def in_slices(kernel: Callable, count: int, *arrays: Any) -> None:
-    """Run a kernel over the vertices 0..count, a slice for each core where they are many."""
-    over(kernel, _spans(count) if count >= MIN_SHARED else [(0, count)], *arrays)
+    """Run a kernel over the vertices 0..count, a slice for each core."""
+    over(kernel, _spans(count), *arrays)
 
 
 def over(kernel: Callable, spans: Iterable[tuple[int, int]], *arrays: Any) -> None:

@@ -43,6 +43,34 @@ def edge_ends(keys: NDArray, count: int) -> NDArray[np.int64]:
     return np.stack(np.divmod(keys, max(count, 1)), axis=1)
 
 
+def edges_of(faces: NDArray) -> NDArray:
+    """Return the ends of the edges of faces (F, 3), that from a corner to the next after the other: (F, 3, 2)."""
+    return np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1)
+
+
+def halved(faces: NDArray, chosen: NDArray, count: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Halve edges in all their faces.
+
+    faces: (F, 3) int64. chosen: (F, 3) bool, which of `edges_of`; one face that chooses an edge suffices. count: of the
+    vertices. Returns the new faces, (F', 3), and the parents (M, 2) of new vertices, which stand after all others.
+    """
+    keys = np.sort(edges_of(faces), axis=-1) @ np.array([count, 1])
+    found = np.unique(keys[chosen])
+    place = np.minimum(np.searchsorted(found, keys), len(found) - 1)
+    cut = found[place] == keys
+    middle = place + count
+    first = np.select([cut.sum(axis=1) == 1, cut.sum(axis=1) == 2], [cut.argmax(axis=1), (~cut).argmax(axis=1)], 0)
+    turn = (first[:, None] + np.arange(3)) % 3
+    a, b, c = np.take_along_axis(faces, turn, axis=1).T
+    ab, bc, ca = np.take_along_axis(middle, turn, axis=1).T
+    parts = [[(a, b, c)], [(a, ab, c), (ab, b, c)], [(a, b, bc), (a, bc, ca), (ca, bc, c)]]
+    parts.append([(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)])
+    of_face = [[np.stack(corners, axis=1) for corners in each] for each in parts]
+    number = cut.sum(axis=1)
+    pieces = [made[number == cuts] for cuts, each in enumerate(of_face) for made in each]
+    return np.concatenate(pieces), np.stack([found // count, found % count], axis=1)
+
+
 def vertex_normals(points: ArrayLike, faces: ArrayLike) -> NDArray[np.float32]:
     """Compute normals as open3d takes them: the mean of the normals of the faces around.
 

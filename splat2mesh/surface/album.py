@@ -1,26 +1,26 @@
-"""The pictures of a place, all in one, and their values at points on its surface: colour, thickness, pixel.
-
-Like `color` for objects; but the tolerance between a point and the rendered surface depends on its distance and on the
-thickness of that surface, and near views count far more than distant ones.
-"""
+"""The pictures of a scene, all in one, and their values at points on its surface: colour, thickness, pixel."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from ..base.arrays import ColorsSrgb, Directions, Floats, Indices, Integers, Points, Vector
+from ..base.arrays import ColorsSrgb, DepthMap, Directions, Floats, Indices, Integers, Points, Vector
 from ..base.kernels import kernel
 from ..base.threads import shared
-from ..render.view import stacked
+from ..render.view import View, stacked
 from ..scene.color import bytes_from_unit
-from .color import GREY, RenderedPicture
 from .sight import LEAST_COSINE, Sighting
 
-TOLERANCE = 0.02
-"""Largest distance of a seen point from the rendered depth, in units of that depth."""
+TOLERANCE, TOLERANCE_OBJECT = 0.02, 0.01
+"""Largest distance of a seen point from the rendered depth, in units of that depth; of an object, whose strings and
+handles stand close to it, in units of its radius."""
+
+GREY = bytes_from_unit(0.5)
+"""Colour where no view looked."""
 
 THINNEST = 0.002
 """Thickness, in units of the distance, below which no picture is trusted more for seeing a thinner surface."""
@@ -32,12 +32,29 @@ ROUNDING = 1e-9
 """More than sums of three products lose, relative to their terms."""
 
 
+@dataclass(frozen=True)
+class RenderedPicture:
+    """The kept arrays of a rendered view. color: (H, W, 3) uint8 sRGB, over its own alpha. depth: (H, W) float32 camera
+    z, NaN where empty. thickness: (H, W) float32 of the surface along its normal, world units, NaN where unknown."""
+
+    view: View
+    color: np.ndarray
+    depth: np.ndarray
+    thickness: np.ndarray
+
+    @classmethod
+    def from_render(cls, view: View, color: Floats, depth: DepthMap, thickness: Floats) -> "RenderedPicture":
+        """Keep a view's color (H, W, 3), sRGB in [0, 1], depth and thickness."""
+        return cls(view, bytes_from_unit(color), depth, thickness.astype(np.float32))
+
+
 class Album(NamedTuple):
     """M pictures of P pixels in all, one after the other, row by row.
 
     poses: (M, 3, 4) float64 camera_from_world. lenses: (M, 4) float64 fx, fy, cx, cy. sizes: (M, 2) int64 height and
     width. starts: (M,) int64 first pixel of each. colors: (P, 3) uint8 sRGB. depth: (P,) float32 camera z, NaN where
-    empty. spread: (P,) float32 along z, thickness: (P,) float32 along the normal, world units.
+    empty. allowed: (P,) float32, how far a point that shows there may lie before or behind, along z. thickness: (P,)
+    float32 along the normal, world units.
     """
 
     poses: NDArray[np.float64]
@@ -46,17 +63,19 @@ class Album(NamedTuple):
     starts: NDArray[np.int64]
     colors: ColorsSrgb
     depth: NDArray[np.float32]
-    spread: NDArray[np.float32]
+    allowed: NDArray[np.float32]
     thickness: NDArray[np.float32]
 
     @classmethod
     def of(cls, shots: Sequence[Sighting]) -> "Album":
-        """The pictures of some Sightings."""
+        """The pictures of some Sightings of a place, whose surfaces may be thick."""
+        depth = np.concatenate([shot.seen.depth.ravel() for shot in shots])
+        spread = np.concatenate([shot.seen.spread.ravel() for shot in shots])
         return cls(
             *stacked([shot.view for shot in shots]),
             np.concatenate([bytes_from_unit(shot.seen.color).reshape(-1, 3) for shot in shots]),
-            np.concatenate([shot.seen.depth.ravel() for shot in shots]),
-            np.concatenate([shot.seen.spread.ravel() for shot in shots]),
+            depth,
+            np.fmax(np.float32(TOLERANCE) * depth, spread),
             np.concatenate([shot.thickness.ravel().astype(np.float32) for shot in shots]),
         )
 
@@ -68,15 +87,15 @@ class Album(NamedTuple):
         return cls(**{**parts, "starts": pixels.cumsum() - pixels})
 
     @classmethod
-    def from_pictures(cls, pictures: Sequence[RenderedPicture]) -> "Album":
-        """From a list of color.RenderedPicture; how deep a surface reaches is taken from its thickness."""
-        thickness = np.concatenate([picture.thickness.ravel() for picture in pictures])
+    def of_object(cls, pictures: Sequence[RenderedPicture], radius: float) -> "Album":
+        """The pictures of an object of a radius, world units."""
+        depth = np.concatenate([picture.depth.ravel() for picture in pictures])
         return cls(
             *stacked([picture.view for picture in pictures]),
             np.concatenate([picture.color.reshape(-1, 3) for picture in pictures]),
-            np.concatenate([picture.depth.ravel() for picture in pictures]),
-            thickness,
-            thickness,
+            depth,
+            np.full_like(depth, TOLERANCE_OBJECT * radius),
+            np.concatenate([picture.thickness.ravel() for picture in pictures]),
         )
 
     def look_up(
@@ -97,7 +116,7 @@ class Album(NamedTuple):
 
     def _deepest(self) -> NDArray[np.float64]:
         """(M,) float64, z behind which no point shows in each picture."""
-        behind = self.depth + np.maximum(TOLERANCE * self.depth.astype(np.float64), self.spread)
+        behind = self.depth.astype(np.float64) + self.allowed
         return np.maximum.reduceat(np.nan_to_num(behind, nan=0.0), self.starts) * (1 + 1e-9)
 
 
@@ -216,7 +235,7 @@ def _look_up_one(i: int, asked: Asked, seers: Indices, album: Album, deepest: Fl
         if not (0 <= u < width and 0 <= v < height):
             continue
         at = album.starts[m] + int(v) * width + int(u)
-        allowed = max(TOLERANCE * depth[at], album.spread[at])
+        allowed = album.allowed[at]
         if not abs(depth[at] - cz) < allowed:
             continue
         # The cosine between the normal and the way back to the eye, both in the camera's frame.

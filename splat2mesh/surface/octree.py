@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ..base.arrays import Floats, Indices, Integers, Vector
 from ..base.distinct import distinct
 from ..base.kernels import kernel
+from ..splats.zorder import bits_apart
 from .sight import FusionSight, Truncation
 
 BITS = 19
@@ -161,23 +162,15 @@ def leaves_of(requested: Indices) -> Indices:
     return np.sort(np.concatenate(leaves))
 
 
-@kernel
 def _parents(keys: Indices) -> Indices:
-    out = np.empty_like(keys)
-    for i in range(len(keys)):
-        level, x, y, z = unpack(keys[i])
-        out[i] = pack(level + 1, x >> 1, y >> 1, z >> 1)
-    return out
+    level, x, y, z = unpack.py_func(keys)
+    return pack.py_func(level + 1, x >> 1, y >> 1, z >> 1)
 
 
-@kernel
 def _children(keys: Indices) -> Indices:
-    out = np.empty(8 * len(keys), np.int64)
-    for i in range(len(keys)):
-        level, x, y, z = unpack(keys[i])
-        for c in range(8):
-            out[8 * i + c] = pack(level - 1, 2 * x + (c >> 2), 2 * y + (c >> 1 & 1), 2 * z + (c & 1))
-    return out
+    level, x, y, z = (each[:, None] for each in unpack.py_func(keys))
+    c = np.arange(8)
+    return pack.py_func(level - 1, 2 * x + (c >> 2), 2 * y + (c >> 1 & 1), 2 * z + (c & 1)).ravel()
 
 
 class Corners(NamedTuple):
@@ -202,8 +195,7 @@ def corners_of(leaves: Indices) -> Corners:
     order = np.argsort(_morton(positions), kind="stable")
     rank = np.empty(len(order), np.int32)
     rank[order] = np.arange(len(order), dtype=np.int32)
-    _renumber(of_leaf, rank)
-    return Corners(positions[order], levels[order], of_leaf)
+    return Corners(positions[order], levels[order], rank[of_leaf])
 
 
 def _numbered(leaves: Indices, size: int) -> tuple[NDArray[np.int32], NDArray[np.int8], NDArray[np.int32]] | None:
@@ -240,22 +232,10 @@ def _number_corners(
     return count
 
 
-@kernel
-def _renumber(of_leaf: Integers, rank: Integers) -> None:
-    for i in range(len(of_leaf)):
-        for c in range(8):
-            of_leaf[i, c] = rank[of_leaf[i, c]]
-
-
-@kernel
-def _morton(positions: Integers) -> Indices:
-    out = np.empty(len(positions), np.int64)
-    for i in range(len(positions)):
-        key = np.int64(0)
-        for a in range(3):
-            value, spread = np.int64(positions[i, a] + HALF), np.int64(0)
-            for bit in range(20):
-                spread |= (value >> bit & 1) << (3 * bit)
-            key |= spread << a
-        out[i] = key
-    return out
+def _morton(positions: Integers) -> NDArray[np.uint64]:
+    """The place of each position (P, 3) on a Z-order curve."""
+    key = np.zeros(len(positions), np.uint64)
+    for axis in range(3):
+        value = (positions[:, axis] + HALF).astype(np.uint64)
+        key |= (bits_apart(value >> 10) << 30 | bits_apart(value & 1023)) << axis
+    return key

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..base.arrays import Mask, Points
-from .color import DEPTH_TOLERANCE, RenderedPicture
+from .album import TOLERANCE_OBJECT, RenderedPicture
 
 SMALLEST = 10.0
 """Border of the smallest opening, in depth tolerances: about 16 pixels of a view. Smaller holes are pinholes."""
@@ -18,7 +18,7 @@ def openings(borders: Sequence[Points], pictures: Sequence[RenderedPicture], rad
     borders: the corners (C, 3) of each hole in order, in the frame of the views. radius: of the mesh, same unit. A
     picture that shows something farther away says nothing: that may be the far side of a closed thing.
     """
-    tolerance, found = DEPTH_TOLERANCE * radius, np.zeros(len(borders), bool)
+    tolerance, found = TOLERANCE_OBJECT * radius, np.zeros(len(borders), bool)
     lengths = np.array([np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).sum() for corners in borders])
     large = np.flatnonzero(lengths > SMALLEST * tolerance)
     if not len(large) or not len(pictures):

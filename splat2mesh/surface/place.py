@@ -21,7 +21,7 @@ from .adaptive import SLABS, fuse_adaptively
 from .album import Album, filled_in
 from .clean import fill_holes, without_floaters
 from .decimate import decimate
-from .extract import LEAST_POINTS, PROBE_PIXELS, PROBES, Look, dilated, training_pixel
+from .extract import FINEST_CELL, LEAST_POINTS, PROBE_PIXELS, PROBES, Look, dilated, training_pixel
 from .fair import fair
 from .patches import SeenPatches
 from .planes import PATCH, evened
@@ -57,9 +57,6 @@ class PlaceCalibration:
 
 
 PLACE = PlaceCalibration()
-
-FINEST_CELL = 0.7
-"""Least side of a cell in training pixels: there is nothing finer in a splat."""
 
 SPARE, MOST_VERTICES, SHAPE = 2.5, 400_000, 0.75
 """Where the number of vertices is left to the capture: vertices found for one that is kept, vertices at most, and the

@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.arrays import Faces, Integers, Points
-from ..scene.mesh import edge_ends, edge_keys, vertex_normals
+from ..base.arrays import Faces
+from ..scene.mesh import edge_ends, edge_keys, halved, vertex_normals
 from .album import Album
 
 CONTRAST = 5.0
@@ -45,33 +45,8 @@ def refine_by_color(
             chosen = np.sort(chosen[order[:room]])
         if len(chosen) == 0:
             break
-        number = np.full(len(edges), -1, np.int64)
-        number[chosen] = len(points) + np.arange(len(chosen))
-        ends = edges[chosen]
-        points = np.concatenate([points, (points[ends[:, 0]] + points[ends[:, 1]]) / 2])
-        faces = _split(points, faces, number[of_face])
+        cut = np.zeros(len(keys), bool)
+        cut[chosen] = True
+        corners, parents = halved(faces.astype(np.int64), cut[of_face], len(points))
+        points, faces = np.concatenate([points, points[parents].mean(axis=1)]), corners.astype(np.int32)
     return points, faces
-
-
-def _split(points: Points, faces: Faces, middles: Integers) -> Faces:
-    """Faces cut at the middles of their edges, (F, 3) vertices or -1; the middle of edge k lies after corner k."""
-    cut = middles >= 0
-    count = cut.sum(axis=1)
-    out = [faces[count == 0]]
-    for k in range(3):  # one edge: two faces
-        rows = (count == 1) & cut[:, k]
-        a, b, c = (faces[rows, (k + i) % 3] for i in range(3))
-        m = middles[rows, k]
-        out += [np.stack([a, m, c], axis=1), np.stack([m, b, c], axis=1)]
-    for k in range(3):  # all but edge k: three faces, the four corners cut along the shorter diagonal
-        rows = (count == 2) & ~cut[:, k]
-        a, b, c = (faces[rows, (k + i) % 3] for i in range(3))
-        m, n = middles[rows, (k + 1) % 3], middles[rows, (k + 2) % 3]
-        first = np.linalg.norm(points[a] - points[m], axis=1) < np.linalg.norm(points[b] - points[n], axis=1)
-        out.append(np.stack([m, c, n], axis=1))
-        out.append(np.where(first[:, None], np.stack([a, b, m], axis=1), np.stack([a, b, n], axis=1)))
-        out.append(np.where(first[:, None], np.stack([a, m, n], axis=1), np.stack([b, m, n], axis=1)))
-    rows = count == 3
-    (a, b, c), (m, n, o) = faces[rows].T, middles[rows].T
-    out += [np.stack(corners, axis=1) for corners in ((a, m, o), (m, b, n), (o, n, c), (m, n, o))]
-    return np.concatenate(out).astype(np.int32)

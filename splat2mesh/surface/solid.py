@@ -11,9 +11,8 @@ from ..base.errors import DataWarning, InputError
 from ..base.progress import Stages
 from ..scene.mesh import Mesh, vertex_normals
 from ..views.viewpoints import bounds_of
-from .album import Album
+from .album import Album, filled_in
 from .clean import drop_small_components, fill_holes, trim_borders
-from .color import vertex_colors, vertex_thickness
 from .decimate import decimate
 from .extract import Effort, Look, extract
 from .fair import fair
@@ -64,11 +63,12 @@ def _reconstruct(
         points: Points
         points, faces = decimate(np.asarray(raw.vertices), np.asarray(raw.triangles), vertices)
     with stages.stage("fair"):
-        thickness = vertex_thickness(points, vertex_normals(points, faces), pictures, pixel)
+        radius = float(np.linalg.norm(np.ptp(points, axis=0))) / 2 if len(points) else 0.0
+        album = Album.of_object(pictures, radius)
+        _, thickness, _ = album.look_up(points, vertex_normals(points, faces))
         used, renumbered = np.unique(trim_borders(faces, np.isfinite(thickness)), return_inverse=True)
         points, faces = points[used], renumbered.reshape(-1, 3).astype(np.int32)
         longest = LONGEST_HOLE * float(np.linalg.norm(np.ptp(bounds_of(splats), axis=0)))
-        radius = float(np.linalg.norm(np.ptp(points, axis=0))) / 2 if len(points) else 0.0
         points, faces, filled = fill_holes(
             points, faces, longest, are_open=lambda borders: openings(borders, pictures, radius)
         )
@@ -78,9 +78,9 @@ def _reconstruct(
         points, normals = points.astype(np.float32), vertex_normals(points, faces)
     with stages.stage("color"):
         if most and len(faces):
-            points, faces = refine_by_color(points, faces, Album.from_pictures(pictures), most)
+            points, faces = refine_by_color(points, faces, album, most)
             normals = vertex_normals(points, faces)
-        colors, unseen = vertex_colors(points, normals, pictures)
+        colors, unseen = filled_in(album.look_up(points, normals)[0], points)
     counts = {"components_dropped": dropped, "holes_filled": filled, "vertices_unseen": unseen}
     return Mesh(points, normals, faces, colors), counts
 

@@ -4,18 +4,16 @@ field.
 Source: Guedon and Lepetit, "SuGaR: Surface-Aligned Gaussian Splatting" (CVPR 2024), section 4.2, without its training.
 """
 
-import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import scipy
 
 from ..base.arrays import Directions, Floats, Integers, Points
 from ..base.errors import InputError
-from ..base.kernels import kernel
 from ..base.meshlibrary import open3d
-from ..base.threads import shared
+from ..base.threads import in_batches
 from ..render.rasterize import Rendering
 from ..render.view import View
 from ..splats.splats import REACH, Splats
@@ -40,15 +38,6 @@ class SurfacePoints:
     normals: np.ndarray
 
 
-class DensityGaussians(NamedTuple):
-    """What makes up a density: means (N, 3), rotations (N, 3, 3), scales (N, 3) and opacities (N,), float32."""
-
-    means: Points
-    rotations: Floats
-    scales: Floats
-    opacities: Floats
-
-
 class DensityField:
     """The density of a splat: the sum of opacity * exp(-mahalanobis^2 / 2) over the nearest Gaussians of a point."""
 
@@ -56,7 +45,8 @@ class DensityField:
         self._origin = splats.means.mean(axis=0, dtype=np.float64)
         means = (splats.means - self._origin).astype(np.float32)
         scales = np.maximum(splats.scales, splats.scales.max(axis=1, keepdims=True) * 1e-3).astype(np.float32)
-        self._gaussians = DensityGaussians(means, splats.rotation_matrices(), scales, splats.opacities)
+        self._forms = splats.rotation_matrices().swapaxes(1, 2) / scales[:, :, None]  # a Gaussian becomes a unit ball
+        self._means, self._scales, self._opacities = means, scales, splats.opacities
         self._tree = scipy.spatial.cKDTree(means)
 
     def crossings(self, points: Points, directions: Directions) -> SurfacePoints:
@@ -65,15 +55,48 @@ class DensityField:
         points: (P, 3), on the rays, at the rendered depth. directions: (P, 3) unit, away from the eye.
         Returns SurfacePoints of the rays that enter it within REACH; normals are those of the field's gradient.
         """
-        local = (points - self._origin).astype(np.float32, order="C")
+        local, ahead = (points - self._origin).astype(np.float32), directions.astype(np.float32)
         count = min(NEIGHBORS, self._tree.n)
-        neighbors = self._tree.query(local, k=count, workers=-1)[1].reshape(len(local), count).astype(np.int32)
+        neighbors = self._tree.query(local, count, workers=-1)[1].reshape(len(local), count)
         offset, normal = np.full(len(local), np.nan, np.float32), np.zeros((len(local), 3), np.float32)
-        ahead = directions.astype(np.float32, order="C")
-        _enter_level(len(local), local, ahead, neighbors, self._gaussians, offset, normal)
+
+        def enter(rows: slice) -> None:
+            offset[rows], normal[rows] = self._entered(local[rows], ahead[rows], neighbors[rows])
+
+        in_batches(enter, len(local))
         found = np.isfinite(offset)
         surface = points[found] + offset[found, None] * directions[found]
         return SurfacePoints(surface.astype(np.float32), normal[found])
+
+    def _entered(self, points: Points, directions: Directions, neighbors: Integers) -> tuple[Floats, Floats]:
+        """Offsets (P,) at which rays enter the level, NaN where they do not, and normals (P, 3) there. neighbors: (P,
+        k) Gaussians that count."""
+        forms, opacities = self._forms[neighbors], self._opacities[neighbors]
+        # Along a ray the distance from a Gaussian, in its standard deviations, squared, is a parabola.
+        start = np.einsum("nkij,nkj->nki", forms, points[:, None] - self._means[neighbors])
+        slope = np.einsum("nkij,nj->nki", forms, directions)
+        square, linear, constant = ((a * b).sum(axis=2) for a, b in ((slope, slope), (start, slope), (start, start)))
+        nearest = slope[:, 0] * self._scales[neighbors[:, 0]] ** 2
+        steps = REACH * np.linalg.norm(nearest, axis=1)[:, None] * np.linspace(-1.0, 1.0, STEPS, dtype=np.float32)
+        density = np.stack(
+            [
+                (opacities * np.exp(-0.5 * ((square * t + 2 * linear) * t + constant))).sum(axis=1)
+                for t in steps.T[:, :, None]
+            ],
+            axis=1,
+        )
+        entries = (density[:, :-1] < DENSITY_LEVEL) & (density[:, 1:] >= DENSITY_LEVEL)
+        rows, at = np.arange(len(points)), entries.argmax(axis=1)
+        before, after = density[rows, at], density[rows, at + 1]
+        with np.errstate(all="ignore"):  # of rays that do not enter
+            share = (DENSITY_LEVEL - before) / (after - before)
+            offset = steps[rows, at] + share * (steps[rows, at + 1] - steps[rows, at])
+            place = start + offset[:, None, None] * slope
+            weight = opacities * np.exp(-0.5 * (place * place).sum(axis=2))
+            outward = np.einsum("nk,nkij,nki->nj", weight, forms, place)
+            outward *= -np.sign((outward * directions).sum(axis=1, keepdims=True))
+            outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+        return np.where(entries.any(axis=1) & np.isfinite(outward[:, 0]), offset, np.nan), outward
 
 
 def surface_points(field: DensityField, view: View, rendering: Rendering, stride: int = 1) -> SurfacePoints:
@@ -104,70 +127,3 @@ def poisson(surface: SurfacePoints, depth: int) -> Any:
         raise InputError(f"{len(surface.points)} surface points make no surface: is this a splat of a solid object?")
     mesh.remove_vertices_by_mask(density < np.median(density) - TRIM_DENSITY)
     return mesh
-
-
-@kernel
-def _density(
-    x: float, y: float, z: float, p: int, neighbors: Integers, gaussians: DensityGaussians
-) -> tuple[float, float, float, float]:
-    """Density at a point, of its row p of `neighbors`, and the gradient there: four numbers."""
-    means, rotations, scales, opacities = gaussians
-    total, right, up, back = 0.0, 0.0, 0.0, 0.0
-    for i in range(neighbors.shape[1]):
-        n = neighbors[p, i]
-        dx, dy, dz = x - means[n, 0], y - means[n, 1], z - means[n, 2]
-        exponent, gx, gy, gz = 0.0, 0.0, 0.0, 0.0
-        for axis in range(3):
-            along = rotations[n, 0, axis] * dx + rotations[n, 1, axis] * dy + rotations[n, 2, axis] * dz
-            scaled = along / (scales[n, axis] * scales[n, axis])
-            exponent += along * scaled
-            gx += rotations[n, 0, axis] * scaled
-            gy += rotations[n, 1, axis] * scaled
-            gz += rotations[n, 2, axis] * scaled
-        value = opacities[n] * math.exp(-0.5 * exponent)
-        total += value
-        right -= value * gx
-        up -= value * gy
-        back -= value * gz
-    return total, right, up, back
-
-
-@shared
-@kernel
-def _enter_level(
-    begin: int,
-    end: int,
-    points: Points,
-    directions: Directions,
-    neighbors: Integers,
-    gaussians: DensityGaussians,
-    offsets: Floats,
-    normals: Directions,
-) -> None:
-    """Offsets (P,) along the directions, left as they are where no level is entered, and normals (P, 3)."""
-    rotations, scales = gaussians.rotations, gaussians.scales
-    for p in range(begin, end):
-        dx, dy, dz = directions[p, 0], directions[p, 1], directions[p, 2]
-        n = neighbors[p, 0]
-        variance = 0.0
-        for axis in range(3):
-            turned = rotations[n, 0, axis] * dx + rotations[n, 1, axis] * dy + rotations[n, 2, axis] * dz
-            variance += (turned * scales[n, axis]) ** 2
-        reach = REACH * math.sqrt(variance)
-        before = math.inf
-        for step in range(STEPS):
-            t = reach * (2.0 * step / (STEPS - 1) - 1.0)
-            x, y, z = points[p, 0] + t * dx, points[p, 1] + t * dy, points[p, 2] + t * dz
-            density, gx, gy, gz = _density(x, y, z, p, neighbors, gaussians)
-            if before < DENSITY_LEVEL <= density:
-                t -= 2.0 * reach / (STEPS - 1) * (density - DENSITY_LEVEL) / (density - before)
-                x, y, z = points[p, 0] + t * dx, points[p, 1] + t * dy, points[p, 2] + t * dz
-                _, gx, gy, gz = _density(x, y, z, p, neighbors, gaussians)
-                norm = math.sqrt(gx * gx + gy * gy + gz * gz)
-                if norm > 0.0:
-                    offsets[p] = t
-                    side = 1.0 if gx * dx + gy * dy + gz * dz >= 0.0 else -1.0
-                    nx, ny, nz = -side * gx / norm, -side * gy / norm, -side * gz / norm
-                    normals[p, 0], normals[p, 1], normals[p, 2] = nx, ny, nz
-                break
-            before = density

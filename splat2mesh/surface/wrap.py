@@ -1,4 +1,5 @@
-"""A closed surface around a mesh: the level set of its distance, at one voxel, with unreachable cavities filled."""
+"""A closed surface around a mesh: the level set of its distance, with unreachable cavities filled; and convex parts of
+it, as engines need for colliders."""
 
 import math
 
@@ -10,18 +11,22 @@ from ..base.arrays import Floats, Integers, Points, Vector
 from ..base.errors import InputError
 from ..base.extras import needed
 from ..render.raycaster import RayCaster
-from .mesh_of_signs import mesh_of_signs
 
 CELLS = 2e6
 """Voxels of the grid: of 4 cm in a room of 6 x 6 x 2.6 m."""
 
-MARGIN = 1.25
-"""Distance of the closed surface from the mesh, in voxels. Within a tetrahedron of the grid the mean of the distances
-that is interpolated at a point of the mesh is at most its circumradius, sqrt(3) / 2: less than this, so that every
-point of the mesh lies inside, and farther below the surface than simplifying moves that."""
+STEP = 2
+"""Voxels along an edge of the lattice on which the surface is found: every second one, and those in their middles."""
+
+CIRCUMRADIUS = STEP * math.sqrt(5.0) / 4.0
+"""Of a tetrahedron of that lattice, in voxels: at most so much is the mean of the distances that is interpolated at a
+point of the mesh."""
 
 TOLERANCE = 0.35
-"""Largest displacement of the closed surface by simplification, in voxels: less than the rest of MARGIN."""
+"""Largest displacement of the closed surface by simplification, in voxels."""
+
+MARGIN = CIRCUMRADIUS + TOLERANCE
+"""Distance of the closed surface from the mesh, in voxels, so that every point of the mesh lies inside."""
 
 BLOCK = 4
 """Side, in voxels, of the blocks of which those far from the mesh are skipped."""
@@ -30,7 +35,11 @@ PADDING = math.ceil(MARGIN) + 1
 """Voxels around the mesh: beyond the closed surface there is one of air, so that the outside is connected."""
 
 FARTHEST = 2 * MARGIN
-"""Distance of the closed surface from the mesh, in voxels, at most: MARGIN, the same circumradius, and TOLERANCE."""
+"""Distance of the closed surface from the mesh, in voxels, at most: MARGIN, CIRCUMRADIUS and TOLERANCE."""
+
+
+CONVEX_CELLS = 1e5
+"""Voxels of the closed surface that is cut into parts: the work of cutting grows with its faces."""
 
 
 def closed_around(
@@ -49,16 +58,41 @@ def closed_around(
     voxel = _voxel_of(vertices, cells)
     low = vertices.min(axis=0).astype(np.float64) - PADDING * voxel
     size = np.ceil(np.ptp(vertices.astype(np.float64), axis=0) / voxel).astype(int) + 2 * PADDING + 1
+    size += (size - 1) % STEP
     field = _distances(RayCaster(vertices, faces), low, size, voxel) - MARGIN
     labels, _ = scipy.ndimage.label(field > 0.0)
     reached = {int(labels[0, 0, 0])} | _labels_at(eyes, labels, low, voxel)
     outside = np.isin(labels, sorted(reached - {0}))
     field[~outside & (field > 0.0)] = -MARGIN
-    points, triangles = mesh_of_signs(field)
-    whole = manifold.Manifold(manifold.Mesh(points.astype(np.float32), triangles.astype(np.uint32)))
+    depth = np.pad(-field, 1, constant_values=-MARGIN)  # the lattice goes on by one voxel on each side
+
+    def at(x: float, y: float, z: float) -> float:
+        return depth.item(round(x) + 1, round(y) + 1, round(z) + 1)
+
+    whole = manifold.Manifold.level_set(at, [0.0, 0.0, 0.0, *(size - 1.0)], STEP)
     simple = whole.simplify(TOLERANCE).to_mesh()
     points = low + voxel * np.asarray(simple.vert_properties, np.float64)[:, :3]
     return points.astype(np.float32), np.asarray(simple.tri_verts).astype(np.int32), voxel
+
+
+def convex_parts(
+    vertices: NDArray[np.floating],  # (V, 3)
+    faces: NDArray[np.integer],  # (F, 3)
+    eyes: NDArray[np.floating] | None = None,  # (E, 3) places that stay open
+    cells: float = CONVEX_CELLS,
+    seed: int = 0,
+) -> tuple[list[tuple[NDArray[np.float32], NDArray[np.int32]]], float]:
+    """(vertices, faces) of convex meshes whose union holds the mesh, and the voxel of the closed surface between.
+
+    Wei et al., Approximate Convex Decomposition for 3D Meshes with Collision-Aware Concavity and Tree Search, 2022, by
+    coacd. Raises InputError for a mesh without extent, and without coacd or manifold3d.
+    """
+    coacd = needed("coacd", "a convex proxy")
+    points, triangles, voxel = closed_around(vertices, faces, eyes, cells=cells)
+    coacd.set_log_level("off")
+    whole = coacd.Mesh(points.astype(np.float64), triangles)
+    found = coacd.run_coacd(whole, preprocess_mode="off", seed=seed)
+    return [(np.asarray(corner, np.float32), np.asarray(face, np.int32)) for corner, face in found], voxel
 
 
 def _voxel_of(vertices: Points, cells: float) -> float:

@@ -5,7 +5,6 @@ its surface: texels follow the detail of the capture, which varies over a place.
 takes half a minute for half as many.
 """
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -17,20 +16,8 @@ from ..base.kernels import kernel
 STEEPEST = 0.55
 """Cosine between a face and the plane of its chart, at least: there a texel is stretched to twice its width."""
 
-WIDEST = 400.0
-"""Side of a chart in texels, at most: rows of the square waste less beside small charts."""
-
 GUTTER = 1
 """Texels around each chart that repeat its border, for what bilinear filtering mixes in."""
-
-SMOOTHED = 2
-"""How often normals are averaged over neighbours before charts are cut by them, or noise cuts them to shreds."""
-
-TURNS = 8
-"""Orientations within a quarter turn that are tried for a chart, to fill its rectangle best."""
-
-FITS = 24
-"""Steps of the search for the largest scale at which all charts fit."""
 
 
 class Charts(NamedTuple):
@@ -57,7 +44,7 @@ class Charts(NamedTuple):
         if _pack(self.extent, self.order, size, corner):
             low = 1.0
         else:
-            for _ in range(FITS):
+            while (high - low) * size > 1.0:  # a texel
                 middle = (low + high) / 2
                 if _pack(self.extent * middle, self.order, size, corner):
                     low = middle
@@ -76,7 +63,7 @@ def charts_of(points: Points, faces: Integers, density: Floats) -> Charts:
     normals = crosses / np.maximum(areas, 1e-300)[:, None]
     label = np.full(len(faces), -1, np.int64)
     axes = np.zeros((len(faces), 3))
-    count = _grow(corners, normals, _smoothed(crosses, neighbors), neighbors, density, label, axes)
+    count = _grow(normals, neighbors, density, label, axes)
     plane = _planes(label, count, crosses, normals, axes[:count])
     wanted = np.bincount(label, areas * density, count) / np.maximum(np.bincount(label, areas, count), 1e-300)
     bare = np.bincount(label, density, count) / np.bincount(label, minlength=count)
@@ -85,7 +72,6 @@ def charts_of(points: Points, faces: Integers, density: Floats) -> Charts:
     vertex, chart = key % len(points), key // len(points)
     places = points[vertex].astype(np.float64)
     across = np.stack([(places * plane[chart, row]).sum(axis=1) for row in range(2)], axis=1) * wanted[chart, None]
-    _turn(across, chart, count)
     low, high = np.full((count, 2), np.inf), np.full((count, 2), -np.inf)
     np.minimum.at(low, chart, across)
     np.maximum.at(high, chart, across)
@@ -119,77 +105,32 @@ def _pair(key: Integers, order: Indices, found: NDArray[np.int64]) -> None:
             i += 1
 
 
-def _smoothed(crosses: Floats, neighbors: Integers) -> Floats:
-    """(F, 3) unit normals of faces, averaged with those beside by area."""
-    inside, smooth = (neighbors >= 0)[..., None], crosses
-    for _ in range(SMOOTHED):
-        smooth = smooth + np.where(inside, smooth[neighbors], 0.0).sum(axis=1)
-    return smooth / np.maximum(np.linalg.norm(smooth, axis=1), 1e-300)[:, None]
-
-
 @kernel
-def _grow(
-    corners: Floats,
-    normals: Directions,
-    smooth: Directions,
-    neighbors: Integers,
-    density: Floats,
-    label: NDArray[np.int64],
-    axes: Floats,
-) -> int:
-    """Give each face the number of its chart, and each chart the normal of its plane; returns the number of charts.
-    Number by number: with expressions of whole arrays Numba compiles 58 functions more."""
+def _grow(normals: Directions, neighbors: Integers, density: Floats, label: NDArray[np.int64], axes: Floats) -> int:
+    """Give each face the number of its chart, and each chart the normal of its plane; returns the number of charts."""
     count = 0
     queue = np.empty(len(label), np.int64)
     for seed in range(len(label)):
         if label[seed] >= 0:
             continue
-        x, y, z = smooth[seed, 0], smooth[seed, 1], smooth[seed, 2]
-        if x * normals[seed, 0] + y * normals[seed, 1] + z * normals[seed, 2] < STEEPEST:
-            x, y, z = normals[seed, 0], normals[seed, 1], normals[seed, 2]
+        x, y, z = normals[seed, 0], normals[seed, 1], normals[seed, 2]
         axes[count, 0], axes[count, 1], axes[count, 2] = x, y, z
-        # Across the axis: p, its cross product with the axis of the scene that it is farthest from, then q.
-        if abs(x) <= abs(y) and abs(x) <= abs(z):
-            px, py, pz = 0.0, z, -y
-        elif abs(y) <= abs(z):
-            px, py, pz = -z, 0.0, x
-        else:
-            px, py, pz = y, -x, 0.0
-        length = math.sqrt(px * px + py * py + pz * pz)
-        length = length if length > 1e-300 else 1e-300
-        px, py, pz = px / length, py / length, pz / length
-        qx, qy, qz = y * pz - z * py, z * px - x * pz, x * py - y * px
-        left, right, base, top = np.inf, -np.inf, np.inf, -np.inf
-        queue[0] = seed
-        label[seed] = count
+        queue[0], label[seed] = seed, count
         first, last, finest = 0, 1, density[seed]
         while first < last:
             f = queue[first]
             first += 1
             for side in range(3):
-                g = f if first == 1 and side == 0 and last == 1 else neighbors[f, side]
-                if g < 0 or (label[g] >= 0 and g != seed):
+                g = neighbors[f, side]
+                if g < 0 or label[g] >= 0:
                     continue
-                if g != seed:
-                    if normals[g, 0] * x + normals[g, 1] * y + normals[g, 2] * z < STEEPEST:
-                        continue
-                    if smooth[g, 0] * x + smooth[g, 1] * y + smooth[g, 2] * z < STEEPEST:
-                        continue
-                    if density[g] > 2.0 * finest or finest > 2.0 * density[g]:
-                        continue
-                new_left, new_right, new_base, new_top = left, right, base, top
-                for corner in range(3):
-                    cx, cy, cz = corners[g, corner, 0], corners[g, corner, 1], corners[g, corner, 2]
-                    u, v = (cx * px + cy * py + cz * pz) * finest, (cx * qx + cy * qy + cz * qz) * finest
-                    new_left, new_right = u if u < new_left else new_left, u if u > new_right else new_right
-                    new_base, new_top = v if v < new_base else new_base, v if v > new_top else new_top
-                if g != seed and (new_right - new_left > WIDEST or new_top - new_base > WIDEST):
+                if normals[g, 0] * x + normals[g, 1] * y + normals[g, 2] * z < STEEPEST:
                     continue
-                left, right, base, top = new_left, new_right, new_base, new_top
-                if g != seed:
-                    label[g] = count
-                    queue[last] = g
-                    last += 1
+                if density[g] > 2.0 * finest or finest > 2.0 * density[g]:
+                    continue
+                label[g] = count
+                queue[last] = g
+                last += 1
         count += 1
     return count
 
@@ -205,26 +146,6 @@ def _planes(label: Indices, count: int, crosses: Floats, normals: Directions, ax
     first = np.cross(axis, helper)
     first /= np.maximum(np.linalg.norm(first, axis=1), 1e-300)[:, None]
     return np.stack([first, np.cross(axis, first)], axis=1)
-
-
-def _turn(across: NDArray[np.float64], chart: Indices, count: int) -> None:
-    """Turn each chart, in place, to the orientation whose rectangle is smallest."""
-    best, angle = np.full(count, np.inf), np.zeros(count)
-    for step in range(TURNS):
-        a = step * np.pi / 2 / TURNS
-        x, y = np.cos(a) * across[:, 0] - np.sin(a) * across[:, 1], np.sin(a) * across[:, 0] + np.cos(a) * across[:, 1]
-        sides = [_range(each, chart, count) + 2 * GUTTER + 1 for each in (x, y)]
-        better = sides[0] * sides[1] < best * (1 - 1e-9)
-        best, angle = np.where(better, sides[0] * sides[1], best), np.where(better, a, angle)
-    cos, sin = np.cos(angle)[chart], np.sin(angle)[chart]
-    across[:] = np.stack([cos * across[:, 0] - sin * across[:, 1], sin * across[:, 0] + cos * across[:, 1]], axis=1)
-
-
-def _range(values: Floats, chart: Indices, count: int) -> Floats:
-    low, high = np.full(count, np.inf), np.full(count, -np.inf)
-    np.minimum.at(low, chart, values)
-    np.maximum.at(high, chart, values)
-    return high - low
 
 
 @kernel

@@ -11,7 +11,7 @@ from ..base.progress import Stages
 from ..base.threads import ROWS_AT_ONCE
 from ..scene.color import bytes_from_unit, linear_from_srgb, srgb_from_linear
 from ..scene.scene import Scene
-from ..surface.color import DEPTH_TOLERANCE
+from ..surface.album import TOLERANCE_OBJECT
 from ..surface.extract import Look, training_pixel
 from .atlas import Atlas, atlas_of, check_size, face_areas, surface_area, welded
 from .charts import GUTTER, charts_of
@@ -37,7 +37,7 @@ view alone is sharper, and further from what other eyes see."""
 
 TOLERANCE_PLACE = 0.03
 """Where a pixel shows something further before or behind a texel, it shows another surface, in units of the distance.
-Objects, whose strings and handles stand close to them, have DEPTH_TOLERANCE, in units of the radius."""
+Objects, whose strings and handles stand close to them, have TOLERANCE_OBJECT, in units of the radius."""
 
 COARSE = 3.0
 """Training pixels that the depth of an object may be off at least: that of a pixel is that of the middle of a splat."""
@@ -125,7 +125,7 @@ def _colors(
 ) -> tuple[NDArray[np.uint8], int]:
     nearness = NEARNESS_PLACE if scene.is_place else NEARNESS_OBJECT
     radius = 0.5 * scene.diagonal * float(np.cbrt(abs(np.linalg.det(back[:3, :3]))))
-    tolerance = (TOLERANCE_PLACE, 0.0) if scene.is_place else (0.0, max(DEPTH_TOLERANCE * radius, coarse))
+    tolerance = (TOLERANCE_PLACE, 0.0) if scene.is_place else (0.0, max(TOLERANCE_OBJECT * radius, coarse))
     points, vertex = scene.vertices @ back[:3, :3].T + back[:3, 3], scene.colors_srgb
     normals = scene.normals @ np.asarray(scene.scene_from_splat, np.float64)[:3, :3]  # by the inverse transpose
     colors, unseen = np.empty((len(atlas.texels), 3), np.uint8), 0

@@ -12,8 +12,7 @@ from ..splats.facts import FileFacts, common
 from ..splats.joining import joined
 from ..splats.placing import placed
 from ..splats.splats import MIN_SPLATS, NUMBERS, Splats
-from ..surface.extract import training_pixel
-from ..surface.place import FINEST_CELL
+from ..surface.extract import FINEST_CELL, training_pixel
 from ..views.upright import upright
 from ..views.viewpoints import bounds_of
 from .pieces import CityPiece, read_piece

@@ -15,7 +15,7 @@ from ..base.inputs import read_json, reading
 from ..render.view import View
 from ..splats.splats import SOLID, Splats
 from .cameras_json import views_of_cameras_json
-from .colmap import colmap_models, is_colmap, larger_models, read_colmap
+from .colmap import colmap_models, is_colmap, read_colmap
 from .nerfstudio import candidates_of_transforms
 from .poses import Camera
 from .viewpoints import SKETCH_SPLATS
@@ -139,7 +139,7 @@ def _frames(path: Path, splat_path: str | os.PathLike[str] = ".") -> list[Framed
     if not path.is_dir():
         return _of_json(path, splat_path)
     if is_colmap(path):
-        return [_of_model(path)]
+        return [FramedCameras.of(path, read_colmap(path))]
     inside = [path / name for name in ("transforms.json", "cameras.json") if (path / name).is_file()]
     if inside:
         return _of_json(inside[0], splat_path)
@@ -164,19 +164,6 @@ def _of_json(path: Path, splat_path: str | os.PathLike[str]) -> list[FramedCamer
     if not found[0]:
         raise InputError(f"{path} holds no cameras: its list is empty")
     return [FramedCameras.of(path, cameras) for cameras in found]
-
-
-def _of_model(path: Path) -> FramedCameras:
-    """The cameras of a COLMAP model; warns about larger ones beside it."""
-    found = read_colmap(path)
-    for other in larger_models(path):
-        warnings.warn(
-            f"{path} holds {len(found)} cameras, and {other.name} beside it {len(read_colmap(other))}: "
-            f"give {other} if the splat was trained with those",
-            DataWarning,
-            stacklevel=4,
-        )
-    return FramedCameras.of(path, found)
 
 
 def _of_models(path: Path, models: Sequence[Path]) -> list[FramedCameras]:

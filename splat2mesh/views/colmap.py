@@ -61,16 +61,6 @@ def colmap_models(folder: Path) -> list[Path]:
     return [each for each in found if is_colmap(each)]
 
 
-def larger_models(folder: Path) -> list[Path]:
-    """The COLMAP models beside a numbered one whose file of images is larger than its own."""
-    beside = colmap_models(folder.absolute().parent) if folder.name.isdecimal() else []
-    return [each for each in beside if _images_size(each) > _images_size(folder)]
-
-
-def _images_size(folder: Path) -> int:
-    return max((file.stat().st_size for file in folder.glob("images.*") if file.is_file()), default=0)
-
-
 def read_colmap(folder: str | os.PathLike[str]) -> list[Camera]:
     """Read the cameras of a COLMAP model, text or binary.
 

@@ -20,7 +20,6 @@ from ..render.rasterize import rasterize
 from ..render.view import View
 from ..splats.foreground import far_background
 from ..splats.splats import SOLID, Splats
-from .oneside import CONTRAST
 from .viewpoints import OUTER_FOV_DEG, even_directions
 
 CELLS = 40
@@ -31,8 +30,9 @@ DIRECTIONS, SAMPLE = 2400, 25_000
 """Directions (3.7 degrees apart) of the search for planes, and the cells searched."""
 
 
-DETAIL_PIXELS, SOLID_PIXEL = 192, 0.95
-"""Side and least alpha of the pictures whose detail shows from where cameras looked."""
+DETAIL_PIXELS, SOLID_PIXEL, CONTRAST = 192, 0.95, 1.6
+"""Side and least alpha of the pictures whose detail shows from where cameras looked, and how much more of it the side
+has that they saw: 1.9 and 2.2 times in two captures from above."""
 
 
 @dataclass(frozen=True)
@@ -142,7 +142,7 @@ def _judged(splats: Splats, floor: Floor) -> Ground:
     axis, up, assumed = int(np.abs(floor.normal).argmax()), floor.normal, False
     if _either_side(floor):
         # The usual frame decides, if the plane agrees, unless the other side was never seen.
-        seen_alone = floor.open_above and _sharper(splats, up) > CONTRAST  # 1.9 and 2.2 in two captures from above
+        seen_alone = floor.open_above and _sharper(splats, up) > CONTRAST
         assumed = up[1] > 0 and not seen_alone
         up = -up if assumed else up
     leans = _leans(up)

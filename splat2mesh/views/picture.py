@@ -11,8 +11,7 @@ from ..render.opacitygrid import BEFORE
 from ..render.raycaster import RayCaster
 from ..render.view import View
 from .eyes import Eye
-from .oneside import TURNS
-from .viewpoints import CANDIDATE_PIXELS, ELEVATIONS_DEG, PICTURE_ASPECT, SKETCH_SPLATS
+from .viewpoints import CANDIDATE_PIXELS, ELEVATIONS_DEG, PICTURE_ASPECT, SKETCH_SPLATS, TURNS
 
 FOV_DEG = 70.0
 """Horizontal angle of the picture."""

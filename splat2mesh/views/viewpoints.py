@@ -5,7 +5,6 @@ the rest is fuzzy. Candidates all around and inside free space are rendered smal
 and a greedy cover picks, one by one, the view that shows most of the least seen surface.
 """
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -15,15 +14,13 @@ import scipy
 from numpy.typing import NDArray
 
 from ..base import sphere
-from ..base.arrays import Bounds, Floats, Indices, Matrix3, Points, Vector
-from ..base.errors import DataWarning
+from ..base.arrays import Bounds, Floats, Matrix3, Points, Vector
 from ..base.sphere import level_directions
 from ..render.opacityfield import FieldDepth, field_depth
 from ..render.view import View
 from ..splats.splats import SOLID, Splats
 from .eyes import FOV_DEG
 from .freespace import FreeSpace
-from .oneside import SUSPECTED, TURNS, sharp_side
 
 OUTER_FOV_DEG = 40.0
 """Angle of a view from outside; those from within have that of an eye's."""
@@ -33,6 +30,9 @@ CANDIDATE_PIXELS = 80
 
 PICTURE_ASPECT = 4 / 3
 """Shape of the picture that a scene is shown with."""
+
+TURNS = 24
+"""Horizontal directions that are tried for a picture, all around."""
 
 ELEVATIONS_DEG = 24.0, 10.0
 """The angle from which a picture looks down on a flat thing, and on one as high as it is wide: a table shows its top,
@@ -44,9 +44,6 @@ FEW = 100
 SKETCH_SPLATS = 20_000
 """Gaussians in the sample that judges candidates, three for each of their pixels: a view does not depend on every one
 of millions."""
-
-CLEARER = 8
-"""Gaussians over SKETCH_SPLATS by which a capture is found to be one-sided."""
 
 CLEARANCE = 2
 """Cells that an eye inside the box keeps away from all splats."""
@@ -90,10 +87,9 @@ def near_plane(bounds: Bounds) -> float:
 
 
 class Judged(NamedTuple):
-    """M candidates, and what each of them shows. coverage: (M, cells) float32, how well each cell of the box is seen.
+    """What each of M candidates shows. coverage: (M, cells) float32, how well each cell of the box is seen.
     fuzziness: (M,), the median of what is shown, inf for nothing. edges: (M,), the amount of edges in the picture."""
 
-    views: Sequence[View]
     coverage: NDArray[np.float32]
     fuzziness: Floats
     edges: Floats
@@ -108,11 +104,7 @@ class Judged(NamedTuple):
             coverage.append(cells)
             fuzziness.append(fuzz)
             edges.append(_edges(surface))
-        return cls(views, np.array(coverage), np.array(fuzziness), np.array(edges))
-
-    def take(self, rows: Indices) -> "Judged":
-        """Some of them."""
-        return Judged([self.views[row] for row in rows], *(each[rows] for each in self[1:]))
+        return cls(np.array(coverage), np.array(fuzziness), np.array(edges))
 
 
 def virtual_views(
@@ -122,47 +114,15 @@ def virtual_views(
 
     splats: cleaned Splats. pixels: longer side of the views returned.
     up: (3,) unit, the up direction in the splat's frame. seed: for the jitter of the candidates. space: where all of
-    them stand, or None for anywhere: then all look from the side that the capture looked from, if it was one.
+    them stand, or None for anywhere.
     Returns a list of View, the ones that show most first.
     """
-    return _chosen(splats, count, pixels, up, seed, space)[0]
-
-
-def first_views(splats: Splats, count: int, pixels: int, up: Vector, seed: int) -> list[View]:
-    """The same from anywhere, with a DataWarning of a capture from one side."""
-    views, one_sided = _chosen(splats, count, pixels, up, seed, None)
-    if one_sided:
-        message = "captured from one side: sharp from there, a blur from behind; what no camera saw stays open"
-        warnings.warn(message, DataWarning, stacklevel=2)
-    return views
-
-
-def _chosen(
-    splats: Splats, count: int, pixels: int, up: Vector, seed: int, space: FreeSpace | None
-) -> tuple[list[View], bool]:
-    """Views as of `virtual_views`, and whether the capture looked from one side."""
     bounds, views = bounds_of(splats), candidate_views(splats, count, up, seed)
     if space is not None and views:
         views = [views[row] for row in np.flatnonzero(space.holds(np.stack([view.center for view in views])))]
     sketch = thinned(splats, np.random.default_rng(seed))
-    every = Judged.by(replace(sketch, sh=sketch.sh[:, :1]), views, bounds)  # no candidate is judged by its colours
-    judged = _from_its_side(every, splats, count, up, seed) if space is None else every
-    chosen = _cover(judged.coverage, judged.fuzziness, count)
-    return [judged.views[row].resized(pixels) for row in chosen], judged is not every
-
-
-def _from_its_side(judged: Judged, splats: Splats, count: int, up: Vector, seed: int) -> Judged:
-    """Of candidates, the first `count` of them from all around, those on the side that the capture looked from, if it
-    was one; else all. Where their own sketch suspects that, the surfaces of a clearer one decide."""
-    backward = np.stack([-view.forward for view in judged.views])
-    blur = judged.fuzziness / np.maximum(judged.edges, 1e-12)
-    if sharp_side(backward[:count], blur[:count], up, SUSPECTED) is None:
-        return judged
-    # Also what has plain walls behind is suspected.
-    clear = thinned(splats, np.random.default_rng(seed), CLEARER * SKETCH_SPLATS)
-    seen = Judged.by(clear, judged.views[:count], bounds_of(splats)).fuzziness
-    front = sharp_side(backward[:count], seen, up)
-    return judged if front is None else judged.take(np.flatnonzero(backward @ front > 0.0))
+    judged = Judged.by(replace(sketch, sh=sketch.sh[:, :1]), views, bounds)  # no candidate is judged by its colours
+    return [views[row].resized(pixels) for row in _cover(judged.coverage, judged.fuzziness, count)]
 
 
 def candidate_views(splats: Splats, count: int, up: Vector, seed: int = 0) -> list[View]:

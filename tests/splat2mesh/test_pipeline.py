@@ -19,7 +19,7 @@ from splat2mesh.render.view import View
 from splat2mesh.scene.scene import Scene
 from splat2mesh.scene.sources import describe
 from splat2mesh.splats.formats import write_inria_ply
-from splat2mesh.surface.color import RenderedPicture
+from splat2mesh.surface.album import RenderedPicture
 from splat2mesh.surface.extract import EFFORTS, Effort
 from splat2mesh.views.upright import UP_CHOICES
 

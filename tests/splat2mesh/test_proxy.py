@@ -18,7 +18,7 @@ from splat2mesh.scene.folder import PROXY
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.formats import write_inria_ply
-from splat2mesh.surface import convex, wrap
+from splat2mesh.surface import wrap
 from splat2mesh.surface.wrap import closed_around
 
 
@@ -26,7 +26,7 @@ from splat2mesh.surface.wrap import closed_around
 def coarse(monkeypatch):
     """Proxies of fewer voxels, and quicker."""
     monkeypatch.setattr(wrap, "closed_around", functools.partial(closed_around, cells=2e4))
-    monkeypatch.setattr(convex, "convex_parts", functools.partial(convex.convex_parts, cells=2e4))
+    monkeypatch.setattr(wrap, "convex_parts", functools.partial(wrap.convex_parts, cells=2e4))
 
 
 def corner_scene():

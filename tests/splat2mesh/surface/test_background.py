@@ -1,5 +1,7 @@
 """The far background: found where there is one and nowhere else, cut without a trace, or kept as a shell around."""
 
+from dataclasses import replace
+
 import numpy as np
 import open3d as o3d
 import pytest
@@ -209,7 +211,8 @@ def quietly_emptied(way, look, effort, vertices, stages):
     """In place of `extract`: a surface for the foreground, an open one that nobody saw for a background."""
     mesh, pictures = extract(way, look, effort, vertices, stages)
     if len(look.splats) == DOME:
-        mesh, pictures = o3d.geometry.TriangleMesh.create_sphere(RADIUS), []
+        mesh = o3d.geometry.TriangleMesh.create_sphere(RADIUS)
+        pictures = [replace(each, depth=np.full_like(each.depth, np.nan)) for each in pictures]
         mesh.remove_triangles_by_index(range(len(mesh.triangles) // 2))
     return mesh, pictures
 

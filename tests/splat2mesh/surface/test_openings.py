@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from splat2mesh.render.view import View
+from splat2mesh.surface.album import TOLERANCE_OBJECT, RenderedPicture
 from splat2mesh.surface.clean import fill_holes
-from splat2mesh.surface.color import DEPTH_TOLERANCE, RenderedPicture
 from splat2mesh.surface.openings import SMALLEST, openings
 
 RADIUS = 2.0**0.5
@@ -60,7 +60,7 @@ def test_what_views_see_nothing_through_stays_open(inside, is_open):
 
 def test_pinholes_are_none_and_no_picture_says_nothing():
     seen = pictures(INSIDE["nothing"])
-    side = SMALLEST * DEPTH_TOLERANCE * RADIUS / 4
+    side = SMALLEST * TOLERANCE_OBJECT * RADIUS / 4
     square = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) / 2
     borders = [0.99 * side * square, 1.01 * side * square, square]
     np.testing.assert_array_equal(openings(borders, seen, RADIUS), [False, True, True])

@@ -5,8 +5,22 @@ import open3d as o3d
 import pytest
 
 from splat2mesh.render.view import View
-from splat2mesh.surface.color import DEPTH_TOLERANCE, RenderedPicture, _sees, vertex_colors, vertex_thickness
-from splat2mesh.surface.sight import LEAST_COSINE
+from splat2mesh.surface.album import Album, RenderedPicture, filled_in
+
+
+def shown(vertices, normals, pictures):
+    """What an album of an object shows at its vertices."""
+    radius = np.linalg.norm(np.ptp(vertices, axis=0)) / 2 if len(vertices) else 1.0
+    return Album.of_object(pictures, radius).look_up(vertices, normals)
+
+
+def vertex_colors(vertices, normals, pictures):
+    return filled_in(shown(vertices, normals, pictures)[0], vertices)
+
+
+def vertex_thickness(vertices, normals, pictures):
+    return shown(vertices, normals, pictures)[1]
+
 
 RED, GREEN = np.array([200, 10, 30]), np.array([20, 180, 60])
 
@@ -87,49 +101,6 @@ def test_the_back_of_a_sheet_takes_nothing_from_its_front():
     np.testing.assert_array_equal(colors, np.full((len(vertices), 3), 128))
 
 
-def sees_reference(picture, vertices, normals):
-    """`_sees`, array by array."""
-    view, tolerance = picture.view, DEPTH_TOLERANCE * np.linalg.norm(np.ptp(vertices, axis=0)) / 2
-    pixels, z = view.project(vertices)
-    inside = (pixels >= 0).all(axis=1) & (pixels < [view.width, view.height]).all(axis=1)
-    near = np.flatnonzero((z > 0) & inside)
-    columns, rows = pixels[near].astype(np.intp).T
-    towards = view.center - vertices[near]
-    frontal = (normals[near] * towards).sum(axis=1) / np.linalg.norm(towards, axis=1)
-    keep = (np.abs(z[near] - picture.depth[rows, columns]) < tolerance) & (frontal > LEAST_COSINE)
-    return near[keep], columns[keep], rows[keep], frontal[keep] ** 2
-
-
-@pytest.mark.parametrize("dtype", [np.float32, np.float64])
-def test_what_a_picture_sees_is_what_the_readable_way_finds(dtype):
-    vertices, normals = sphere(resolution=60)
-    for view in around(height=0.3, distance=1.7):  # near, so that some lies outside the picture
-        picture = picture_of(view, hit_depth(view, (0, 0, 0), 1))
-        found = _sees(picture, vertices.astype(dtype), normals)
-        expected = sees_reference(picture, vertices.astype(dtype), normals)
-        assert 100 < len(expected[0]) < len(vertices) / 2
-        for ours, theirs in zip(found[:3], expected[:3], strict=True):
-            np.testing.assert_array_equal(ours, theirs)
-        np.testing.assert_allclose(found[3], expected[3], rtol=1e-13)  # sums of three in whatever order
-
-
-def test_views_are_averaged_by_the_square_of_their_cosine():
-    vertex, normal = np.float32([[0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.float32([[0, 0, 1]] * 3)
-    pictures, weights = [], []
-    for angle_deg, color in ((0, RED), (60, GREEN)):
-        a = np.radians(angle_deg)
-        view = View.look_at([0, 5 * np.sin(a), 5 * np.cos(a)], [0, 0, 0], [1, 0, 0], 40.0, 65)
-        z = 5 - vertex @ -view.forward
-        depth = np.full((65, 65), 5.0)
-        columns, rows = view.project(vertex)[0].astype(int).T
-        depth[rows, columns] = z
-        pictures.append(picture_of(view, depth, lambda points, color=color: np.broadcast_to(color, points.shape)))
-        weights.append(np.cos(a) ** 2)
-    colors, _ = vertex_colors(vertex, normal, pictures)
-    expected = (weights[0] * RED + weights[1] * GREEN) / sum(weights)  # four to one
-    np.testing.assert_array_equal(colors[0], np.round(expected))
-
-
 def test_unseen_vertices_are_counted_and_take_their_nearest_seen_neighbours_colour():
     vertices, normals = sphere()
     view = View.look_at([-4, 0, 0], [0, 0, 0], [0, 1, 0], 40.0, 128)
@@ -190,41 +161,28 @@ def test_each_half_of_a_sphere_has_its_own_thickness():
         depth = hit_depth(view, (0, 0, 0), 1)
         points = view.center + view.ray_directions() * np.nan_to_num(depth)[..., None]
         pictures.append(picture_of(view, depth, thickness=np.where(points[..., 0] < 0, 0.02, 0.5)))
-    thickness = vertex_thickness(vertices, normals, pictures, 0.1)
-    assert thickness.shape == (len(vertices),) and thickness.dtype == np.float64
+    thickness = vertex_thickness(vertices, normals, pictures)
+    assert thickness.shape == (len(vertices),) and thickness.dtype == np.float32
     clear = np.abs(vertices[:, 0]) > 0.1
     # Kept as float32: 6e-8 of it.
     np.testing.assert_allclose(thickness[clear], np.where(vertices[clear, 0] < 0, 0.02, 0.5), rtol=2e-7)
 
 
-@pytest.mark.parametrize("pixel", [0.05, 20.0])
-def test_the_thinnest_and_most_frontal_pictures_count_most(pixel):
-    values = np.array([0.3, 0.05])
-    vertices, normals, pictures = two_views(values)
-    found = vertex_thickness(vertices, normals, pictures, pixel)
-    towards = [picture.view.center / np.linalg.norm(picture.view.center) for picture in pictures]
-    weights = np.array([toward[2] ** 2 for toward in towards]) / (values / pixel + 0.1) ** 2
-    assert found[0] == pytest.approx((weights * values).sum() / weights.sum(), rel=1e-6)
-    # In small training pixels the thin one wins though it looks from the side, in large ones the frontal one.
-    assert (found[0] < 0.1) == (pixel == 0.05)
-
-
 def test_a_thickness_that_is_unknown_does_not_count():
     vertices, normals, pictures = two_views([0.3, np.nan])
-    np.testing.assert_allclose(vertex_thickness(vertices, normals, pictures, 0.1), 0.3, rtol=1e-6)
+    np.testing.assert_allclose(vertex_thickness(vertices, normals, pictures), 0.3, rtol=1e-6)
     assert vertex_colors(vertices, normals, pictures[1:])[1] == 0  # though it is seen
-    assert np.isposinf(vertex_thickness(vertices, normals, pictures[1:], 0.1)).all()
+    assert np.isposinf(vertex_thickness(vertices, normals, pictures[1:])).all()
 
 
 def test_what_no_picture_sees_is_infinitely_thick():
     vertices, normals = sphere()
     view = View.look_at([-4, 0, 0], [0, 0, 0], [0, 1, 0], 40.0, 128)
     pictures = [picture_of(view, hit_depth(view, (0, 0, 0), 1))]
-    thickness = vertex_thickness(vertices, normals, pictures, 0.1)
+    thickness = vertex_thickness(vertices, normals, pictures)
     unseen = vertex_colors(vertices, normals, pictures)[1]
     assert np.isposinf(thickness).sum() == unseen > len(vertices) / 2 and not np.isnan(thickness).any()
     assert np.isposinf(thickness[(normals * (view.center - vertices)).sum(axis=1) < 0]).all()
-    assert np.isposinf(vertex_thickness(vertices, normals, [], 0.1)).all()
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1e3])
@@ -238,7 +196,7 @@ def test_thickness_scales_with_everything_else(scale):
             pose[:3, 3] *= size
             view = View(view.width, view.height, view.fx, view.fy, view.cx, view.cy, pose)
             pictures.append(picture_of(view, hit_depth(view, (0, 0, 0), size), thickness=0.02 * (1 + count) * size))
-        found.append(vertex_thickness(vertices * np.float32(size), normals, pictures, 0.1 * size) / size)
+        found.append(vertex_thickness(vertices * np.float32(size), normals, pictures) / size)
     # Vertices are float32: a few that project between two pixels may fall into the other one.
     assert np.isclose(found[0], found[1], rtol=1e-5).mean() > 0.99 and np.ptp(found[0]) > 0.01
 
@@ -247,4 +205,4 @@ def test_no_vertices_have_no_colours():
     nothing, pictures = np.zeros((0, 3), np.float32), two_views([0.1, 0.1])[2]
     colors, unseen = vertex_colors(nothing, nothing, pictures)
     assert colors.shape == (0, 3) and unseen == 0
-    assert vertex_thickness(nothing, nothing, pictures, 0.1).shape == (0,)
+    assert vertex_thickness(nothing, nothing, pictures).shape == (0,)
