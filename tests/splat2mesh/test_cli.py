@@ -232,7 +232,23 @@ def test_overwrite_replaces_a_scene_by_a_complete_one_and_nan_splats_are_counted
         rows[::100, 1] = np.nan
 
     path = write_splat(tmp_path / "ball.ply", spoil)
-    assert main([str(path), "-o", str(out), "--overwrite", "--detail", "draft", "--up", "+y"]) == 0
+    assert (
+        main(
+            [
+                str(path),
+                "-o",
+                str(out),
+                "--overwrite",
+                "--detail",
+                "draft",
+                "--up",
+                "+y",
+                "--max-chunk-vertices",
+                "20000",
+            ]
+        )
+        == 0
+    )
     stdout, stderr = capsys.readouterr()
     summary, picture, following = stdout.splitlines()
     assert picture.endswith("preview.png shows splat and mesh") and (out / "preview.png").is_file()
