@@ -76,7 +76,7 @@ class KnownScene:
         if mirror is None or self.inputs.splats is None:
             return self.inputs.read_scene
         with self._stages.stage("bind splats"):
-            return closed_floor(self.inputs.read_scene, mirror, self.inputs.splats[0])
+            return closed_floor(self.inputs.read_scene, mirror, self.inputs.splats[0], self._read_cache)
 
     @cached_property
     def relighter(self) -> Relighter:
@@ -107,6 +107,11 @@ class KnownScene:
     def cache(self) -> Cache | None:
         """The cache of computed results, or None."""
         return self._cache_of(self.scene)
+
+    @cached_property
+    def _read_cache(self) -> Cache | None:
+        """The cache of the scene as read."""
+        return self._cache_of(self.inputs.read_scene)
 
     def _cache_of(self, scene: Scene) -> Cache | None:
         return Cache.of_scene(scene, self._request.caching == "read") if self._request.caching != "none" else None
@@ -162,8 +167,7 @@ class KnownScene:
         if not self.inputs.read_scene.is_place or self.inputs.splats is None:
             return None
         with self._stages.stage("bind splats"):
-            scene = self.inputs.read_scene
-            return floor_mirror(self.inputs.splats[0], scene, self._cache_of(scene))
+            return floor_mirror(self.inputs.splats[0], self.inputs.read_scene, self._read_cache)
 
     @property
     def mirrored_floor(self) -> dict[str, Any] | None:

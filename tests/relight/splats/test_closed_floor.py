@@ -11,6 +11,7 @@ from relight.request import RelightRequest
 from relight.splats import Binding
 from relight.splats.closed_floor import closed_floor
 from relight.splats.floor_mirror import floor_mirror
+from relight.transfer.store import Cache
 from splat2mesh.render.raycaster import RayCaster
 from splat2mesh.scene.measured import Measured
 from splat2mesh.scene.scene import Scene
@@ -90,6 +91,7 @@ def test_it_has_the_color_that_eyes_see(closed):
     colors = closed.colors_linear[-len(patch.vertices) :]
     inner = np.abs(patch.vertices[:, 2]) < 1.5
     assert (colors[inner] > OWN - 0.02).all() and (colors[inner].mean(axis=0) < OWN + 0.9 * DIM).all()
+    assert len(np.unique(colors, axis=0)) > 20
 
 
 def test_standpoints_in_the_mirror_world_are_left_out(closed):
@@ -112,6 +114,23 @@ def test_a_layout_keeps_its_mesh(polished):
     scene, splats, mirror = polished
     several = replace(scene, source={"objects": [{"name": "a"}, {"name": "b"}]})
     assert closed_floor(several, mirror, splats) is several
+
+
+def test_what_closes_it_is_kept(polished, closed, tmp_path, monkeypatch):
+    scene, splats, mirror = polished
+    cache = Cache(tmp_path, "room")
+    closed_floor(scene, mirror, splats, cache)
+    (path,) = tmp_path.glob("closed_floor-*.npz")
+    with monkeypatch.context() as patched:
+        patched.setattr("relight.splats.closed_floor._patch", None)
+        again = closed_floor(scene, mirror, splats, cache)
+    np.testing.assert_array_equal(again.chunks[-1].faces, closed.chunks[-1].faces)
+    np.testing.assert_array_equal(again.chunks[-1].colors_srgb, closed.chunks[-1].colors_srgb)
+    with np.load(path) as kept:
+        broken = dict(kept) | {"faces": kept["faces"] + np.int32(10**6)}
+    np.savez(path, **broken)
+    again = closed_floor(scene, mirror, splats, cache)
+    np.testing.assert_array_equal(again.chunks[-1].faces, closed.chunks[-1].faces)
 
 
 def test_the_floors_own_part_follows_what_closes_it(polished, closed):
