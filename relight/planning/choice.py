@@ -26,9 +26,6 @@ SAFETY = 0.75
 """A plan is laid for this part of the tolerance: what a sample measures is off by a tenth or more, and what is done
 is checked against the tolerance itself."""
 
-ENOUGH = 1.1
-"""Of the least error that can be reached: the last tenth can take a hundred suns."""
-
 BANDS = tuple(range(FEW_BANDS, MAX_BANDS + 1))
 """To choose from; images of a transfer hold three at least."""
 
@@ -80,7 +77,7 @@ def best_of(candidates: list[Candidate], tolerance: float, until: float | None =
         left = until - time.perf_counter()
         good = [each for each in candidates if each.seconds <= left]
         return min(good, key=_most_exact) if good else min(candidates, key=_quickest)
-    target = max(SAFETY * tolerance, ENOUGH * min(each.error for each in candidates))
+    target = max(SAFETY * tolerance, sun_split.ENOUGH * min(each.error for each in candidates))
     return min((each for each in candidates if each.error <= target), key=_quickest)
 
 

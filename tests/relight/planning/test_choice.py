@@ -9,7 +9,8 @@ import pytest
 from plan_scenes import corner, sphere
 
 from relight import Environment, LightingOptions, Relighter
-from relight.planning.choice import ENOUGH, SAFETY, Candidate, best_of, curve_of
+from relight.light.sun_split import ENOUGH
+from relight.planning.choice import SAFETY, Candidate, best_of, curve_of
 from relight.transfer.settings import Settings
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene
