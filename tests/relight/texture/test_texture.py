@@ -263,7 +263,7 @@ def test_a_view_shows_nothing_behind_the_mesh():
     places = front.atlas.interpolate(scene.vertices)
     expected = np.where(places[:, 2:] > 0.25, [0.9, 0.1, 0.1], [0.1, 0.1, 0.9])
     out, behind = np.abs(places[:, :2]).max(axis=1), places[:, 2] < 0.25
-    inner = np.where(behind, (out > 0.6) & (out < 0.95), out < 0.47)
+    inner = np.where(behind, (out > 0.64) & (out < 0.95), out < 0.47)  # splats at the rim reach farther
     shown = srgb_from_linear(front.albedo.astype(np.float32))[inner]
     np.testing.assert_allclose(shown, expected[inner], atol=0.025)  # two roundings to bytes, of .004, among it
     # Half of the side and a twelfth by perspective, and the pixels that the edge mixes.
