@@ -77,7 +77,7 @@ def settings_of(
         "only": _described(request.only),
         "keep": _described(request.keep),
         "shadow_of_parts": request.shadow_of_parts,
-        "parts": [_described(fields_of(each)) for each in request.parts],
+        "parts": [_described(_as_told(fields_of(each))) for each in request.parts],
     }
     lighting = request.lighting
     found.update({each.name: getattr(lighting, each.name) for each in fields(lighting)})
@@ -98,6 +98,12 @@ def settings_of(
     if formats & {"live", "web"}:
         found["lights"] = [each for each in map(_described, lights) if each != found["env"]]
     return dict(json.loads(text_of(found)))  # as a reader of the report finds it
+
+
+def _as_told(part: dict[str, Any]) -> dict[str, Any]:
+    """The words of a lit part in one order, with numbers as a command tells them: those of a kept one are numbers."""
+    words = {name: str(each) if isinstance(each, (int, float)) else each for name, each in sorted(part.items())}
+    return {"part": words.pop("part"), **words}
 
 
 def _described_capture(request: "RelightRequest") -> Any:
