@@ -1,4 +1,4 @@
-"""Draw the session on a scene folder that was relit before: its start, its halves, its error and its sky.
+"""Draw the session on a scene folder that was relit before: its start, its halves and its sky.
 
 python scripts/session_pictures.py SCENE OUT_FOLDER
 """
@@ -17,7 +17,7 @@ from splat2mesh.scene.scene import Scene
 
 SIZE, TURN_DEG, HORIZON_DEG = (960, 720), 40.0, 4.0
 
-STATES = {"start": {"sky": False}, "split": {"split": True}, "error": {"mode": "error"}, "sky": {"angle_deg": 215.0}}
+STATES = {"start": {"sky": False}, "split": {"split": True}, "sky": {"angle_deg": 215.0}}
 
 
 def main(folder, out):
