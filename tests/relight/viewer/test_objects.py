@@ -154,10 +154,10 @@ def test_a_drag_takes_the_object_along_over_its_level_and_keys_turn_it(scene, bo
         np.testing.assert_allclose(session.objects.placed[0].at, [0.3, TOP + 0.15, 1.1], atol=0.04)  # two pixels
         assert "--insert box.obj --at 0." in window.note
         window.press_key("8")
-        assert session.objects.placed[0].turn_deg == 15.0
+        assert session.objects.placed[0].turn_deg == 5.0
         session.finish()
         moved = window.picture(panel=False).astype(int)
         x, y = (round(each) for each in start)
-        assert abs(moved[SIZE[1] - y - 6, x] - without[SIZE[1] - y - 6, x]).max() > 10  # where it stood is the plate
+        assert abs(moved[SIZE[1] - y + 12, x] - without[SIZE[1] - y + 12, x]).max() > 10  # where it stood is the plate
     finally:
         window.close()
