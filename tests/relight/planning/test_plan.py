@@ -291,11 +291,11 @@ def test_rays_are_not_blamed_for_the_noise_of_the_sample(monkeypatch):
         shading = relighter.shading(light)
         found.append((relighter.plan_for(light).checked, shading))
         monkeypatch.setattr(EffectErrors, "look_closer", lambda self: False)
-    (checked, closer), (without, plain) = found
+    (checked, closer), (without, _) = found
     error = difference(closer.radiance, truth(scene, light, directions=4096))
     # 384 vertices of 3,961, as above; the plain check is off by a third
-    assert error <= 0.03 and checked == pytest.approx(error, rel=0.2) and without > 1.2 * error
-    assert closer.settings.rays <= plain.settings.rays
+    assert error <= 0.03 and checked == pytest.approx(error, rel=0.2)
+    assert without - error > 3 * abs(checked - error)
 
 
 def test_rays_are_not_doubled_for_what_they_cannot_mend():
