@@ -5,14 +5,14 @@ from numpy.typing import NDArray
 
 from .fits import PatchFits
 from .harmonicsfit import RIDGE
-from .material import GLOSS, SURE_PATCHES
+from .material import SURE_EXPLAINED, SURE_PATCHES
 
 
 def hints_at_gloss(fits: PatchFits) -> bool:
     """Whether anything may be glossy at all."""
     rows = np.flatnonzero(fits.informative)
     alone = _alone(fits.gram[rows][:, :, 0], fits.moments[rows][:, :, 0], fits.power[rows].sum(axis=(1, 2)))
-    return bool(np.count_nonzero(alone > GLOSS.sure_explained) >= SURE_PATCHES)
+    return bool(np.count_nonzero(alone > SURE_EXPLAINED) >= SURE_PATCHES)
 
 
 def _alone(gram: NDArray[np.float64], moments: NDArray[np.float64], power: NDArray[np.float64]) -> NDArray[np.float64]:

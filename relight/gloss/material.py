@@ -1,14 +1,12 @@
 """Reflectance and roughness of each patch: the share of the captured light's reflection that its pixels show."""
 
-from dataclasses import dataclass
 from functools import lru_cache
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Floats
-from splat2mesh.base.calibration import Provenance
 
 from ..sh import harmonics
 from .fits import BANDS, PatchFits
@@ -28,28 +26,14 @@ def roughness_factors() -> NDArray[np.float64]:
     return found
 
 
-@dataclass(frozen=True)
-class GlossCalibration:
-    """The evidence from which a patch counts as glossy.
-
-    least_explained: share of what depends on the view that the reflected light explains, each half of the places judged
-    by the other. sure_explained: share that SURE_PATCHES curved patches have where anything in a scene is glossy.
-    """
-
-    provenance: ClassVar = Provenance(
-        script="scripts/bench gloss",
-        fitted_on="one trained table of glazed and metal objects",
-        held_out="matte patches of five generated tables explain up to .02, .01, .07, .12 and .43",
-    )
-
-    least_explained: float = 0.05
-    sure_explained: float = 0.2
-
-
-GLOSS = GlossCalibration()
+LEAST_EXPLAINED, SURE_EXPLAINED = 0.05, 0.2
+"""Of what depends on the view in a patch, the share that the reflected light must explain, each half of its places
+judged by the other; and the share in SURE_PATCHES curved patches without which nothing in a scene is glossy. Chosen on
+one trained table of glazed and metal objects (`scripts/bench gloss`); matte patches of five generated tables explain
+up to .02, .01, .07, .12 and .43."""
 
 SURE_PATCHES = 2
-"""Patches of which the light fitted to one half of the places must explain sure_explained of the other half: matte
+"""Patches of which the light fitted to one half of the places must explain SURE_EXPLAINED of the other half: matte
 trained objects had at most one, with .13 and .14 in two of them, a trained glossy table has .41 in its second."""
 
 
@@ -84,8 +68,8 @@ def materials(fits: PatchFits, light: Floats) -> Gloss | None:
             continue
         found = best_lobe(fits, patch, whole_light)
         explained[patch], reflectance[patch], alpha[patch], flat[patch] = found
-    dull = (explained < GLOSS.least_explained) | ~reflectance.any(axis=1)
-    if np.count_nonzero((explained > GLOSS.sure_explained) & fits.informative & ~dull) < SURE_PATCHES:
+    dull = (explained < LEAST_EXPLAINED) | ~reflectance.any(axis=1)
+    if np.count_nonzero((explained > SURE_EXPLAINED) & fits.informative & ~dull) < SURE_PATCHES:
         return None
     reflectance[dull] = 0.0
     of = fits.patch

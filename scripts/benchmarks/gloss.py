@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 
 from benchmarks.harness import GROUND_TRUTH
 from relight.gloss.fits import PatchFits
-from relight.gloss.material import GLOSS, Lobe, best_lobe
+from relight.gloss.material import LEAST_EXPLAINED, SURE_EXPLAINED, Lobe, best_lobe
 from relight.jobs.job import Job
 from relight.jobs.writer import Writer
 from relight.request import RelightRequest
@@ -122,7 +122,7 @@ def patch_row(case, looked, glossy, light):
     row = {"case": case, "planned": "no" if gloss.of(appearance) is None else "yes", "patches": int(seen.sum())}
     row |= {"matte_most": float(matte.max(initial=0.0)), "light": light}
     row["matte_sure"], row["glossy_sure"] = (
-        int(np.count_nonzero((explained > GLOSS.sure_explained) & informative & kind)) for kind in (~glossy, glossy)
+        int(np.count_nonzero((explained > SURE_EXPLAINED) & informative & kind)) for kind in (~glossy, glossy)
     )
     if (seen & glossy).any():
         row |= {f"from_{each:g}": float((explained[seen & glossy] > each).mean()) for each in THRESHOLDS}
@@ -174,7 +174,7 @@ class Table:
         for part in range(int(self.truth.part.max()) + 1):
             rows = np.flatnonzero(self.truth.part == part)
             mine = patch[self.truth.part[nodes] == part]
-            mine = mine[explained[mine] > GLOSS.least_explained]
+            mine = mine[explained[mine] > LEAST_EXPLAINED]
             if not self.truth.glossy[rows[0]] or not len(mine):
                 continue
             f0 = float(luminance(self.truth.reflectance[rows[0]]))

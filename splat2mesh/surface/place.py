@@ -3,13 +3,11 @@ capture, fine where cameras came near.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
 from ..base.arrays import Faces, Floats, Indices, Points, Vector
-from ..base.calibration import Provenance
 from ..base.choices import DEFAULT_VERTICES
 from ..base.errors import InputError
 from ..base.progress import Stages
@@ -29,34 +27,10 @@ from .refine import refine_by_color
 from .sight import FusionSight, Sighting
 from .simplify import simplify
 
-
-@dataclass(frozen=True)
-class PlaceCalibration:
-    """The surfaces of a place.
-
-    fogs, levels: typical thickness of a place's surfaces over their distance, and the opacity at which they lie;
-    between them it is interpolated, outside held. True meshes ask for a late level where surfaces are thin. In fog
-    there is no surface to find: there it is put where the mean of what is seen lies. dilation: share of the training
-    pixel by which the splats are dilated: cameras among its surfaces see them frontally, where the dilation on screen
-    moves nothing.
-    """
-
-    provenance: ClassVar = Provenance(
-        script="scripts/bench surface",
-        fitted_on="a generated garden and parlour with true meshes, trained (docs/surface.md, Places)",
-        held_out="of four real captures, without truth: .0001 to .015 holes, .39 to .99 within 5% of the splat's depth",
-    )
-
-    fogs: tuple[float, float] = (0.06, 0.16)
-    levels: tuple[float, float] = (0.6, 0.45)
-    dilation: float = 0.35
-
-    def level(self, fog: float) -> float:
-        """The opacity at which surfaces of a fog lie."""
-        return float(np.interp(fog, self.fogs, self.levels))
-
-
-PLACE = PlaceCalibration()
+LEVEL, DILATION = 0.6, 0.35
+"""Opacity at which the surfaces of a place lie, and share of the training pixel by which its splats are dilated:
+cameras among its surfaces see them frontally, where the dilation on screen moves nothing. Chosen on a trained garden
+with a true mesh; a level of .45 in fog was worse in an office, on which nothing was chosen."""
 
 SPARE, MOST_VERTICES, SHAPE = 2.5, 400_000, 0.75
 """Where the number of vertices is left to the capture: vertices found for one that is kept, vertices at most, and the
@@ -72,7 +46,7 @@ HOLE_CELLS = 40.0
 def place_look(splats: Splats, views: Sequence[View], near: Floats) -> Look:
     """A Look at the splats of a place, as the file has them, from views with near planes (M,)."""
     pixel = training_pixel(splats)
-    return Look(dilated(splats, PLACE.dilation * pixel), pixel, views, near)
+    return Look(dilated(splats, DILATION * pixel), pixel, views, near)
 
 
 def reconstruct_place(
@@ -86,8 +60,7 @@ def reconstruct_place(
     """
     splats, pixel, views, near = look
     fog = _fog(splats, views, near)
-    level = PLACE.level(fog)
-    shots = _shots(splats, views, near, level, stages)
+    shots = _shots(splats, views, near, stages)
     depths = np.concatenate([shot.seen.depth[np.isfinite(shot.seen.depth)] for shot in shots])
     if len(depths) < LEAST_POINTS:
         raise InputError(f"only {len(depths)} surface points were found: is this a splat of a place?")
@@ -103,7 +76,7 @@ def reconstruct_place(
     points, faces, cells = _fused(sights, middle, stages)
     if overhead is not None and overhead.leak(points, faces) > MOST_LEAK:
         more, planes = overhead.views(max(views[0].width, views[0].height))
-        added, pictures = developed(_shots(splats, more, planes, level, stages))
+        added, pictures = developed(_shots(splats, more, planes, stages))
         views, near = [*views, *more], np.append(near, planes)
         album = Album.joined([album, pictures])
         points, faces, cells = _fused(sights + added, middle, stages)
@@ -139,12 +112,12 @@ def reconstruct_place(
     return Mesh(placed, on.normals, faces, colors), Look(splats, pixel, list(views), near), counts
 
 
-def _shots(splats: Splats, views: Sequence[View], near: Floats, level: float, stages: Stages) -> list[Sighting]:
+def _shots(splats: Splats, views: Sequence[View], near: Floats, stages: Stages) -> list[Sighting]:
     """What views show of splats."""
     shots = []
     with stages.stage("depth maps", total=len(views)) as advance:
         for view, plane in zip(views, near, strict=True):
-            shots.append(Sighting.taken(splats, view, plane, level))
+            shots.append(Sighting.taken(splats, view, plane, LEVEL))
             advance()
     return shots
 

@@ -22,7 +22,6 @@ from ..base.outputs import check_output
 from ..base.progress import Stages
 from ..base.version import VERSION
 from ..options import ConvertOptions, TilingOptions, refuse_in_cities
-from ..surface.place import PLACE
 from .look import look, probe
 from .memory import BASE_GB
 from .pieces import CityPiece, pieces_of, size_of
@@ -153,7 +152,6 @@ def _probed(steps: TaskSteps, plan: CityPlan, key: str, sources: dict[int, list[
     tasks = [Task(f"probe {t}", probe, (steps.store, key, t, _near(plan, sources, t))) for t in dict.fromkeys(chosen)]
     ratios = np.array([ratio for found in steps.need("probe", tasks) for ratio in found])
     plan.fog = max(float(np.median(ratios)) if len(ratios) else 0.0, 1e-6)
-    plan.level = PLACE.level(plan.fog)
     asked = steps.store.read_json(FILE)["asked"]
     steps.store.write_json(FILE, {"asked": asked, "plan": plan.as_dict()})
     key = hashlib.sha256(steps.store.read(FILE)).hexdigest()

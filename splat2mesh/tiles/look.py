@@ -13,7 +13,7 @@ from ..render.opacityfield import FieldDepth
 from ..render.view import View
 from ..splats.splats import REACH, Splats
 from ..surface.extract import PROBE_PIXELS, PROBES, dilated
-from ..surface.place import PLACE
+from ..surface.place import DILATION, LEVEL
 from ..surface.sight import FusionSight, Sighting
 from ..views.eyes import Eye, around
 from .plan import CARVE, INFLUENCE, RING, CityPlan, grown
@@ -54,7 +54,7 @@ def look(store: Store, key: str, tile: int, sources: dict[int, list[int]]) -> di
         if number % 6 == 0:  # views of one station
             away = np.linalg.norm(splats.means - view.center.astype(np.float32), axis=1)
             reached = splats.take(np.flatnonzero(away <= known.reach + REACH * sizes))
-        _, seen, thickness = Sighting.taken(reached, view, plane, known.level)
+        _, seen, thickness = Sighting.taken(reached, view, plane, LEVEL)
         rays = np.linalg.norm(view.ray_directions(), axis=-1)
         with np.errstate(invalid="ignore"):
             depth = np.where(seen.depth * rays <= known.reach, seen.depth, np.nan).astype(np.float32)
@@ -83,7 +83,7 @@ def _prepare(store: Store, plan: CityPlan, tile: int, sources: dict[int, list[in
     stations = stations_of(splats.means, splats.opacities, core, plan.spacing)
     if len(splats):
         splats = splats.take(splats.spatial_order())
-    return dilated(splats, PLACE.dilation * plan.trained), stations
+    return dilated(splats, DILATION * plan.trained), stations
 
 
 def shots_around(store: Store, plan: CityPlan, tile: int) -> Iterator[Sighting]:

@@ -71,7 +71,7 @@ class CityPlan:
     scene_from_splat: 4 x 4, rows first. up_from: what decided up. pixel: size of a training pixel, or what counts as
     one where splats are far apart for it. trained: of a training pixel. finest: side of the smallest cell. low, high:
     (3,) box of what counts as the city. tiles: [x0, z0, x1, z1] each, in blocks. counts: expected splats of each core.
-    fog, level: of the surfaces, by a sample. pixels: side of the views.
+    fog: of the surfaces, by a sample. pixels: side of the views.
     """
 
     scene_from_splat: list[list[float]]
@@ -87,7 +87,6 @@ class CityPlan:
     pixels: int = REFERENCE_PIXELS
     trained: float = 0.0
     fog: float = 0.0
-    level: float = 0.5
     settings: dict[str, Any] = field(default_factory=dict)
 
     @property

