@@ -27,9 +27,6 @@ from .seen import seen_from
 CELLS = 1e6
 """Cells of the box around the hull: 4 cm in a room of 5 m."""
 
-MOST_OPEN = 0.5
-"""Mean visible part of the sky from which a surface stands outside, in front of a window."""
-
 ERODED = 1
 """Cells by which hidden volumes are smaller than what was not seen: rays that graze furniture stay free."""
 
