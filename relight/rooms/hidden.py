@@ -60,8 +60,8 @@ def hidden_volumes(scene: Scene, occluder: Occluder) -> NDArray[np.float32]:
     if not len(eyes):
         return none
     unit = Frame.around(scene.vertices, scene.faces).unit(eyes)
-    shown = fronts_seen(occluder, unit)[:, 0]
-    if not len(shown) or _sky_seen(occluder, shown, TRIED).mean() > MOST_CLOSED:
+    fronts = fronts_seen(occluder, unit)[:, 0]
+    if not len(fronts) or _sky_seen(occluder, fronts, TRIED).mean() > MOST_CLOSED:
         return none
     seen = seen_from(occluder, np.arange(len(occluder.origins)), unit)
     if not seen.any():
