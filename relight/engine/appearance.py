@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 CHOICES = ("estimated", "captured", "white")
 
-WAY = 25
+WAY = 26
 """Version of the estimate of light and albedo. It increases when the numbers change, and invalidates cached
 estimates."""
 

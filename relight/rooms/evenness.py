@@ -9,20 +9,16 @@ from splat2mesh.base.sphere import NO_DIRECTION
 from ..transfer.neighbors import Neighbors
 from ..transfer.occluder import Occluder
 
-OWN = 1.0
-"""Weight of a vertex's own value, against weights of at most 1 for those of its ring."""
-
 
 class Evenness:
-    """Averages values of the vertices of an Occluder over rings of neighbours that face the same way."""
+    """Averages values of the vertices of an Occluder over rings of neighbours that face the same way.
+
+    A vertex's own value has the weight 1, the most that one of its ring has.
+    """
 
     def __init__(self, occluder: Occluder) -> None:
         neighbors = Neighbors(occluder.origins, occluder.normals, occluder.faces, occluder.ranked)
-        count = len(neighbors.vertices)
-        rows = scipy.sparse.csr_array(
-            (neighbors.weights.astype(np.float64), neighbors.columns, neighbors.starts), (count, count)
-        )
-        rows = rows + OWN * scipy.sparse.diags_array(np.ones(count)).tocsr()
+        rows = neighbors.matrix.astype(np.float64) + scipy.sparse.eye_array(len(neighbors.vertices), format="csr")
         self._blend = scipy.sparse.diags_array(1.0 / np.asarray(rows.sum(axis=1)).ravel()).tocsr() @ rows
         self._vertices, self._node = neighbors.vertices, neighbors.node
 

@@ -19,9 +19,10 @@ from splat2mesh.scene.scene import Scene
 
 from ..albedo import samples
 from ..albedo.skylight import GROUND, SkyParts
+from ..transfer import sampling
 from ..transfer.occluder import BATCH_RAYS, Frame, Occluder
 from ..transfer.store import Cache
-from .interior import LOOKS, MOST_CLOSED, within
+from .interior import MOST_CLOSED, fronts_seen, within
 from .seen import seen_from
 
 CELLS = 1e6
@@ -56,7 +57,8 @@ def hidden_volumes(scene: Scene, occluder: Occluder) -> NDArray[np.float32]:
     if not len(eyes):
         return none
     unit = Frame.around(scene.vertices, scene.faces).unit(eyes)
-    if _sky_part(occluder, unit) > MOST_CLOSED:
+    fronts = fronts_seen(occluder, unit)[:, 0]
+    if not len(fronts) or _sky_seen(occluder, fronts, TRIED).mean() > MOST_CLOSED:
         return none
     seen = seen_from(occluder, np.arange(len(occluder.origins)), unit)
     if not seen.any():
@@ -99,31 +101,13 @@ def kept_volumes(scene: Scene, cache: Cache, occluder: Occluder) -> NDArray[np.f
     return found
 
 
-def _sky_part(occluder: Occluder, eyes: NDArray[np.float32]) -> float:
-    """Mean part of the sky over the fronts of the surfaces that eyes (E, 3), unit frame, see; 1 without any."""
-    directions = fibonacci_sphere(LOOKS)
-    rays = np.hstack([np.repeat(eyes, LOOKS, axis=0), np.tile(directions, (len(eyes), 1))]).astype(np.float32)
-    hits = occluder.first_hits(rays)
-    rows = occluder.faces[np.maximum(hits.faces, 0), 0]
-    front = (hits.faces >= 0) & (np.einsum("ij,ij->i", occluder.normals[rows], rays[:, 3:]) < 0.0)
-    rows = rows[front]
-    if not len(rows):
-        return 1.0
-    return float(_sky_seen(occluder, rows, TRIED).mean())
-
-
 def _sky_seen(occluder: Occluder, rows: Integers, count: int) -> NDArray[np.float64]:
     """Part of the sky that vertices (R,) see, of so many directions, weighted as matt surfaces weigh it."""
-    directions, free = fibonacci_sphere(LOOKS), np.zeros(len(rows))
-    size = BATCH_RAYS // count
+    azimuths, free, size = sampling.fibonacci_azimuths(count), np.zeros(len(rows)), BATCH_RAYS // count
     for start in range(0, len(rows), size):
         part = rows[start : start + size]
-        # A unit vector around the normal: the cosine lobe. Each place takes others of the directions.
-        turn = (7 * (start + np.arange(len(part)))[:, None] + np.arange(count) * (LOOKS // count)) % LOOKS
-        toward = occluder.normals[part, None] + directions[turn]
-        toward /= np.maximum(np.linalg.norm(toward, axis=2, keepdims=True), 1e-6)
-        origins = np.broadcast_to(occluder.origins[part, None], toward.shape)
-        rays = np.concatenate([origins, toward], axis=2).astype(np.float32)
+        rays = np.zeros((len(part), count, 6), np.float32)
+        sampling.shoot(occluder.origins[part], occluder.normals[part], azimuths, 0, rays)
         free[start : start + size] = 1.0 - occluder.occluded(rays).mean(axis=1)
     return free
 

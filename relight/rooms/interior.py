@@ -57,15 +57,18 @@ def sky_seen(scene: Scene, occluder: Occluder, visible: Floats, eyes: Points) ->
 
     Backs of faces, which are not meant to be seen, do not count.
     """
+    seen = visible[fronts_seen(occluder, Frame.around(scene.vertices, scene.faces).unit(eyes))]
+    return float(seen.mean()) if len(seen) else 1.0
+
+
+def fronts_seen(occluder: Occluder, eyes: Points) -> NDArray[np.uint32]:
+    """(H, 3) corners of the faces that LOOKS even looks from each of the eyes (E, 3), unit frame, meet in front."""
     directions = fibonacci_sphere(LOOKS)
-    places = np.repeat(Frame.around(scene.vertices, scene.faces).unit(eyes), LOOKS, axis=0)
-    rays = np.hstack([places, np.tile(directions, (len(eyes), 1))]).astype(np.float32)
+    rays = np.hstack([np.repeat(eyes, LOOKS, axis=0), np.tile(directions, (len(eyes), 1))]).astype(np.float32)
     faces = occluder.first_hits(rays).faces
     hit = np.flatnonzero(faces >= 0)
     corners = occluder.faces[faces[hit]]
-    front = np.einsum("ij,ij->i", occluder.normals[corners].sum(axis=1), rays[hit, 3:]) < 0.0
-    seen = visible[corners[front]]
-    return float(seen.mean()) if len(seen) else 1.0
+    return corners[np.einsum("ij,ij->i", occluder.normals[corners].sum(axis=1), rays[hit, 3:]) < 0.0]
 
 
 def room_notice(part: float, found: dict[str, Any] | None, problem: str = "") -> str:

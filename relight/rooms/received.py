@@ -6,21 +6,17 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from splat2mesh.base.arrays import Directions, Floats, Integers, Radiance
+from splat2mesh.base.arrays import Directions, Floats, Integers
 from splat2mesh.base.sphere import fibonacci_sphere, row_solid_angles, texel_directions
 from splat2mesh.scene.measured import CapturedSky
 
 from ..albedo import samples
 from ..albedo.captured import DARK
 from ..albedo.skylight import GROUND, SkyParts
-from ..transfer.facing import met_in_front
 from ..transfer.occluder import Occluder
 
 PLACES, DIRECTIONS = 2500, 2048
 """Sample points on the surface, and directions per point that search for windows: 4.5 degrees apart."""
-
-HITS = 4
-"""One direction in this many samples the light from other surfaces."""
 
 ONE_PLANE = 0.5
 """Half of the extra distance, in diagonals, for a point that faces the other way. Most pairs then share a wall and its
@@ -82,7 +78,7 @@ class RoomSurface(NamedTuple):
 def places_of(
     occluder: Occluder,
     surface: RoomSurface,
-    lamps: list[NDArray[np.int64]],  # vertices of each of L lamps
+    bounce: NDArray[np.float32],  # (V, 3) light from other surfaces but lamps
     lamp_light: NDArray[np.float32],  # (L, V) radiance of white under each, from `lamps.light_of`
     sky: CapturedSky | None,  # in the windows
     seed: int = 0,  # of the choice of points
@@ -93,11 +89,7 @@ def places_of(
     exposed = usable & (captured.min(axis=1) > DARK) & (captured.max(axis=1) < SATURATED)
     vertices = samples.places(occluder, areas, exposed, PLACES, seed)
     directions = fibonacci_sphere(DIRECTIONS)
-    unlit = captured.copy()
-    for rows in lamps:
-        unlit[rows] = 0.0
     free = _free(occluder, normals, vertices, directions)
-    bounce = _sent(occluder, normals, vertices, fibonacci_sphere(DIRECTIONS // HITS), unlit)
     emitters = [np.repeat(light[vertices, None].astype(np.float64), 3, axis=1) for light in lamp_light]
     known: NDArray[np.float64] = np.zeros((len(vertices), 3))
     patches: Directions = np.zeros((0, 3))
@@ -117,7 +109,8 @@ def places_of(
     pairs, weights = samples.neighbor_pairs(lying)
     stacked = np.stack(emitters) if emitters else np.zeros((0, len(vertices), 3))
     logs = np.log(captured[vertices].astype(np.float64))
-    return RoomIrradiance(vertices, known, stacked, patches, bounce, pairs, weights, logs)
+    sent = bounce[vertices].astype(np.float64)
+    return RoomIrradiance(vertices, known, stacked, patches, sent, pairs, weights, logs)
 
 
 def sky_parts(
@@ -173,30 +166,3 @@ def _free(occluder: Occluder, smooth: Directions, vertices: Integers, directions
         weight = cosine[place, direction] * np.float32(4.0 / len(directions))
         free[start + place, direction] = np.where(blocked, np.float32(0.0), weight)
     return free
-
-
-def _sent(
-    occluder: Occluder, smooth: Directions, vertices: Integers, directions: Directions, captured: Radiance
-) -> NDArray[np.float64]:
-    """Light (N, 3) float64 from other surfaces. Back faces are black; what the occluder is shut with sends the mean."""
-    bounce = np.zeros((len(vertices), 3))
-    toward = np.ascontiguousarray(directions, np.float32)
-    for start in range(0, len(vertices), samples.BATCH):
-        some = vertices[start : start + samples.BATCH]
-        cosine = smooth[some] @ toward.T
-        place, direction = np.nonzero(cosine > 0.0)
-        rays = np.hstack([occluder.origins[some][place], toward[direction]])
-        hits = occluder.first_hits(rays)
-        weight = cosine[place, direction] * np.float32(4.0 / len(directions))
-        corners = occluder.faces[np.maximum(hits.faces, 0)]
-        front = met_in_front(occluder, hits, toward[direction])
-        shares = np.stack([1.0 - hits.uv.sum(axis=1), *hits.uv.T], axis=1) * (weight * front)[:, None]
-        seen = np.einsum("rk,rkc->rc", shares, captured[corners])
-        for color in range(3):
-            bounce[start : start + len(some), color] = np.bincount(place, seen[:, color], len(some))
-        if occluder.is_shut:
-            stopped = hits.faces < 0
-            stopped[stopped] = occluder.occluded(rays[stopped])
-            met, lost = (np.bincount(place, weight * part, len(some)) for part in (hits.faces >= 0, stopped))
-            bounce[start : start + len(some)] *= (1.0 + lost / np.maximum(met, 1e-9))[:, None]
-    return bounce

@@ -201,14 +201,14 @@ class _Search:
 
     def _judged(self, sample: int = 0) -> tuple[received.RoomIrradiance, strengths.Strengths | None]:
         shown = self.shown
-        usable = shown.seen & shown.below
+        usable, sent = shown.seen & shown.below, shown.captured.copy()
         for lamp in self.found:
-            usable[lamp.rows] = False
-        rows = [lamp.rows for lamp in self.found]
+            usable[lamp.rows], sent[lamp.rows] = False, 0.0
+        bounce = shown.transport.interreflection.bounce(sent)
         stacked = np.stack(self.lights) if self.lights else np.zeros((0, len(shown.captured)), np.float32)
         surface = received.RoomSurface(shown.normals, shown.captured, shown.areas, usable)
         through = None if shown.known is None else shown.known.direct
-        places = received.places_of(shown.occluder, surface, rows, stacked, shown.sky, self._seed + sample, through)
+        places = received.places_of(shown.occluder, surface, bounce, stacked, shown.sky, self._seed + sample, through)
         return places, strengths.solve(places, np.array([lamp.color for lamp in self.found]).reshape(-1, 3))
 
     def _lamps(self, solved: strengths.Strengths) -> list[int]:

@@ -76,11 +76,7 @@ def log_gain(
     if not shares.sum() > 0.0:
         shares = np.ones(len(captured))
     soft, whole, mean = Usual.of(before, after, shares) if usual is None else usual
-    below = before * before + soft
-    ratio = np.divide(
-        before * after + soft * whole, below, out=np.broadcast_to(whole, below.shape).copy(), where=below > 0
-    )
-    ratio += _excess(captured, before) * (whole - ratio)
+    ratio = whole + _own_part(captured, before, soft) * (after - before * whole)
     shown, start = ratio * captured, np.maximum(SHOULDER_START, captured)
     room = np.maximum(1.0 - start, BLACK)  # what was captured white stays white
     rolled = start - room * np.expm1(-np.maximum(shown - start, 0.0) / room)
@@ -99,12 +95,8 @@ def linear_parts(
     ratio = own * after + usual * r, with r = mean(after) / mean(before). Raises InputError as `log_gain` does.
     """
     captured, before = _checked(captured, "colours"), _checked(before, "before")
-    soft = (SOFTNESS * np.median(before, axis=0)) ** 2
-    below = before * before + soft
-    own = np.divide(before, below, out=np.zeros_like(below), where=below > 0.0)
-    usual = np.divide(soft, below, out=np.ones_like(below), where=below > 0.0)
-    diffuse = 1.0 - _excess(captured, before)
-    return own * diffuse, 1.0 + (usual - 1.0) * diffuse
+    own = _own_part(captured, before, (SOFTNESS * np.median(before, axis=0)) ** 2)
+    return own, 1.0 - own * before
 
 
 def relit_sh(
@@ -149,9 +141,12 @@ def without_clipping(
     return result
 
 
-def _excess(captured: Radiance, before: Radiance) -> Floats:
-    """Share (V, 3) of a captured colour that exceeds what arrived."""
-    return np.where(captured > BLACK, np.maximum(captured - before, 0.0) / np.maximum(captured, BLACK), 0.0)
+def _own_part(captured: Radiance, before: Radiance, soft: Floats) -> NDArray[np.float64]:
+    """What each unit of new light (V, 3) adds to the light ratio there; the rest is the scene's own. It is S / (S^2 +
+    e^2) for the share of a captured colour that does not exceed what arrived."""
+    below = before * before + soft
+    diffuse = np.where(captured > BLACK, np.minimum(before / np.maximum(captured, BLACK), 1.0), 1.0)
+    return np.divide(before * diffuse, below, out=np.zeros_like(below), where=below > 0.0)
 
 
 def _checked(values: ArrayLike, name: str) -> NDArray[np.float64]:

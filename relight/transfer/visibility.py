@@ -28,12 +28,11 @@ class Visibility:
     full turn. bits: for each set (N, ceil(base / 8)) uint8, 1 where something is in the way, as `numpy.packbits`.
     seed: of the directions. traced: (N,) bool, the nodes that were given rays; what the others see counts as open.
     normals: (N, 3) float32. name: what a Precomputed keeps it under, where one does. sparing: whether rays on whose
-    outcome neighbours agree stay untraced. shot: how many rays were traced here.
+    outcome neighbours agree stay untraced.
     """
 
     name: tuple[int, str] | None = None
     sparing: bool = False
-    shot: int = 0
 
     def __init__(
         self,
@@ -84,7 +83,7 @@ class Visibility:
     def first(self) -> "Visibility":
         """That of the first set of rays alone, which no doubling changed."""
         found = copy.copy(self)
-        found.sets, found.bits, found.shot = self.sets[:1], self.bits[:1], 0
+        found.sets, found.bits = self.sets[:1], self.bits[:1]
         return found
 
     def reaches(self, rays: int) -> bool:
@@ -132,7 +131,8 @@ class Visibility:
             model[part, 0] = 1.0  # what was given no rays sees everything
             if not traced.any():
                 continue
-            shot = np.concatenate([self._shot(each, part)[traced] for each in self.sets], axis=1)
+            nodes = start + np.flatnonzero(traced)
+            shot = np.concatenate([self._shot(each, nodes) for each in self.sets], axis=1)
             unpacked = [np.unpackbits(bits[part][traced], axis=1, count=self.base) for bits in self.bits]
             block, lines = np.zeros((len(shot), bands**2), np.float32), np.zeros((len(shot), 4), np.float32)
             hidden = np.concatenate(unpacked, axis=1).view(bool)
@@ -140,60 +140,29 @@ class Visibility:
             model[part][traced], rest[rows[part][traced]] = lines, block
         return model, rest
 
-    def _offsets(self, each: tuple[float, float], nodes: Indices) -> NDArray[np.float32]:
-        """The offsets of the rays of one set from some nodes, (N, 2) float32."""
-        return sampling.moved(sampling.ranked_offsets(nodes, self.seed), each)
-
     def _shot(
-        self, each: tuple[float, float], part: slice, buffer: NDArray[np.float32] | None = None
+        self, each: tuple[float, float], nodes: Indices, buffer: NDArray[np.float32] | None = None
     ) -> NDArray[np.float32]:
-        """The rays of one set from a slice of nodes, (N, base, 6) float32."""
-        offsets = self._offsets(each, np.arange(part.start, part.stop))
+        """The rays of one set from some nodes, (N, base, 6) float32."""
         if buffer is None:
-            buffer = np.zeros((len(offsets), self.base, 6), np.float32)
-        shot = buffer[: len(offsets)]
-        sampling.shoot_at(self._origins[part], self.normals[part], self._azimuths, offsets, shot)
+            buffer = np.zeros((len(nodes), self.base, 6), np.float32)
+        offsets, shot = sampling.moved(sampling.ranked_offsets(nodes, self.seed), each), buffer[: len(nodes)]
+        sampling.shoot_at(self._origins[nodes], self.normals[nodes], self._azimuths, offsets, shot)
         return shot
 
     def _traced(self, each: tuple[float, float], advance: Advance) -> NDArray[np.uint8]:
         """Bits (N, ceil(base / 8)) of one set."""
-        count, known = int(np.count_nonzero(self.traced)), self.base * len(self.bits)
-        if self.sparing and consensus.worth(self.base, count, known):
-            return self._spared(each, advance)
-        bits = np.zeros((len(self.traced), -(-self.base // 8)), np.uint8)
-        copies = np.bincount(self.neighbors.node, minlength=len(bits))
-        batch = max(1, BATCH_RAYS // self.base)
-        buffer = np.zeros((min(batch, len(bits)), self.base, 6), np.float32)
-        for start in range(0, len(bits), batch):
-            part = slice(start, min(start + batch, len(bits)))
-            wanted = self.traced[part]
-            if wanted.any():
-                shot = self._shot(each, part, buffer)
-                shot = shot if wanted.all() else shot[wanted]
-                bits[part][wanted] = np.packbits(self._occluder.occluded(shot), axis=1)
-                self.shot += shot.shape[0] * self.base
-            advance(int(copies[part].sum()))
-        return bits
-
-    def _earlier(self, nodes: Indices) -> consensus.KnownRays | None:
-        """What is known of some nodes, or None."""
-        if not self.bits:
-            return None
-        hidden = [np.unpackbits(bits[nodes], axis=1, count=self.base) for bits in self.bits]
-        return consensus.KnownRays(np.stack([self._offsets(each, nodes) for each in self.sets]), np.stack(hidden))
-
-    def _spared(self, each: tuple[float, float], advance: Advance) -> NDArray[np.uint8]:
-        """The same, of which neighbours spare each other some."""
         bits = np.zeros((len(self.traced), -(-self.base // 8)), np.uint8)
         copies = np.bincount(self.neighbors.node, minlength=len(bits))
         nodes = np.flatnonzero(self.traced)
-        batch = max(1, BATCH_RAYS // max(self.base, self.rays) // consensus.BLOCK) * consensus.BLOCK
+        sparing = self.sparing and self.base >= consensus.LEAST_RAYS and len(nodes) >= consensus.LEAST_VERTICES
+        batch = max(1, BATCH_RAYS // self.base // consensus.BLOCK) * consensus.BLOCK
+        buffer = np.zeros((min(batch, len(nodes)), self.base, 6), np.float32)
         for start in range(0, len(nodes), batch):
             part = nodes[start : start + batch]
-            places = self._origins[part], self.normals[part], self._azimuths, self._offsets(each, part)
-            hidden, shot = consensus.hidden_rays(self._occluder, consensus.RaySet(*places), self._earlier(part))
+            shot = self._shot(each, part, buffer)
+            hidden = consensus.hidden_rays(self._occluder, shot) if sparing else self._occluder.occluded(shot)
             bits[part] = np.packbits(hidden, axis=1)
-            self.shot += shot
             advance(int(copies[part].sum()))
         advance(int(copies[~self.traced].sum()))
         return bits

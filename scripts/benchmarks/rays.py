@@ -8,10 +8,6 @@ linear        ... with the visibility fitted by a + b . d: `raytraced`
 scene         ... averaged over neighbours: `raytraced_scene`; worst: the largest error of a mesh against its `linear`
 Then the variance that `filtering` expects of a coefficient of `linear` below degree 3. Times are processor microseconds
 per vertex; `shared` counts its occlusion queries only.
-
---spare measures the rays that neighbours predict (`transfer.consensus`), at every vertex of MESH, in turn with all of
-them traced: the share that is traced, processor seconds of both and their ratio, errors after averaging at 1,500
-vertices, and the ratio of seconds at equal error, by the power of the rays with which the error falls on the mesh.
 """
 
 import numpy as np
@@ -19,16 +15,15 @@ import numpy as np
 from benchmarks.harness import geometric_mean, relative_error, timed
 from benchmarks.shapes import MADE_VERTICES, shape
 from relight.sh import harmonics
-from relight.transfer import consensus, sampling
+from relight.transfer import sampling
 from relight.transfer.analytic import analytic
 from relight.transfer.filtering import NOISE_POWER
-from relight.transfer.visibility import Visibility, raytraced_scene
+from relight.transfer.visibility import raytraced_scene
 from scenes.plain_rays import raytraced
 from splat2mesh.base import sphere
 
 EVERY = slice(None)
 METHODS = "shared", "plain", "constant", "linear", "scene"
-SAMPLED, REPEATS = 1500, 2  # of --spare: vertices with a reference, runs of each
 BATCH = 2**18  # rays whose harmonics NumPy holds at once: 100 MiB at 10 bands
 QUICK = ["bumps", "--vertices", "2000", "--bands", "3", "--rays", "8", "--reference", "512"]
 PLOT = {"x": "us_scene", "y": "scene", "by": ("bands",)}
@@ -40,19 +35,10 @@ def arguments(parser):
     parser.add_argument("--rays", type=int, nargs="+", default=[8, 16, 32, 64, 128, 256])
     parser.add_argument("--reference", type=int, default=4096, help="rays of the reference")
     parser.add_argument("--vertices", type=int, default=MADE_VERTICES, help="of generated meshes")
-    parser.add_argument("--spare", action="store_true", help="what neighbours predict, in the most bands")
 
 
 def run(options, report):
     meshes = [shape(name, options.vertices) for name in options.meshes]
-    if options.spare:
-        spared(meshes, options, report)
-    else:
-        errors_and_times(meshes, options, report)
-
-
-def errors_and_times(meshes, options, report):
-    """A row for each number of bands and rays."""
     most = max(options.bands)
     errors, seconds, noise, count = {}, {}, {}, 0
     for mesh in meshes:
@@ -94,36 +80,6 @@ def errors_and_times(meshes, options, report):
         scaled = np.array(list(of_mesh.values())) * float(rays) ** -NOISE_POWER
         span = f"{scaled.min():.4f} to {scaled.max():.4f}"
         report.note(f"variance at {rays} rays: {scaled.mean():.4f} ({span}) R^{NOISE_POWER} f (1 - f)")
-
-
-def spared(meshes, options, report):
-    """A row for each mesh and number of rays: rays predicted against all of them traced."""
-    columns = {"mesh": "<12", "rays": "d", "traced": ".2f", "all_s": ".2f", "spared_s": ".2f", "seconds": ".2f"}
-    table = report.table(**columns, error_all=".4f", error_spared=".4f", equal_error=".2f")
-    bands = max(options.bands)
-    for mesh in meshes:
-        occluder, found = mesh.occluder, {}
-        count = len(occluder.origins)
-        rows = np.sort(np.random.default_rng(1).choice(count, min(SAMPLED, count), replace=False))
-        expected = raytraced(occluder, rows, bands, options.reference, seed=2**32 + 1)
-        Visibility(occluder, consensus.LEAST_RAYS, sparing=True)  # compiled
-        for rays in options.rays:
-            runs = {False: [], True: []}
-            for _ in range(REPEATS):
-                for sparing, taken in runs.items():
-                    seen, _, seconds = timed(lambda o=occluder, r=rays, s=sparing: Visibility(o, r, sparing=s))
-                    taken.append((seconds, seen))
-            seconds = [float(np.median([each[0] for each in taken])) for taken in runs.values()]
-            last = [taken[-1][1] for taken in runs.values()]
-            errors = [relative_error(seen.transfer(bands)[rows], expected) for seen in last]
-            found[rays] = last[1].shot / last[0].shot, seconds, errors
-        logs = np.log([[rays, errors[0]] for rays, (_, _, errors) in found.items()])
-        power = np.polyfit(*logs.T, 1)[0] if len(logs) > 1 else NOISE_POWER / 2
-        for rays, (share, seconds, errors) in found.items():
-            ratio = seconds[1] / seconds[0]
-            row = {"mesh": mesh.name, "rays": rays, "traced": share, "all_s": seconds[0], "spared_s": seconds[1]}
-            row |= {"seconds": ratio, "error_all": errors[0], "error_spared": errors[1]}
-            table.add(**row, equal_error=ratio * (errors[1] / errors[0]) ** (-1.0 / power))
 
 
 def shared(occluder, bands, rays):

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from relight.engine.relighter import Relighter
-from relight.rooms import hidden, received
+from relight.rooms import hidden
 from relight.transfer.occluder import Frame, Occluder
 from relight.transfer.store import Cache, geometry_key
-from splat2mesh.base.sphere import fibonacci_sphere, texel_directions
+from splat2mesh.base.sphere import texel_directions
 from splat2mesh.scene.measured import SKY_HEIGHT, SKY_WIDTH, CapturedSky, Measured
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene
@@ -129,23 +129,6 @@ def test_an_opening_that_shows_no_sky_is_a_hole_where_another_shows_some(shown, 
     occluder.shut(hidden.hidden_volumes(scene, occluder))
     assert occluder.occluded(through_hole).all() == closed
     assert not occluder.occluded(through_window).any()
-
-
-def test_a_hole_that_is_shut_sends_what_the_surfaces_around_send():
-    scene = under_sky(room(cupboard=False, hole=True), lambda toward: toward[..., 2] > 0.3)
-    occluder, frame = caster_of(scene)
-    below = np.linalg.norm(occluder.origins - frame.unit(np.array([[0.0, 0.0, -0.8]])), axis=1).argmin()[None]
-    grey, looks = np.full((len(occluder.origins), 3), 0.25, np.float32), fibonacci_sphere(1024)
-
-    def received_there():
-        bounce = received._sent(occluder, occluder.normals, below, looks, grey)[0]
-        return bounce, received._free(occluder, occluder.normals, below, looks).sum()
-
-    open_bounce, _ = received_there()
-    occluder.shut(hidden.hidden_volumes(scene, occluder))
-    bounce, sky = received_there()
-    assert open_bounce[0] < 0.25 * (0.98 - sky)
-    np.testing.assert_allclose(bounce, 0.25 * (1.0 - sky), rtol=1e-3)
 
 
 def test_without_a_captured_sky_no_opening_is_a_hole():
