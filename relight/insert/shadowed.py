@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Indices
 from splat2mesh.render.view import View
-from splat2mesh.scene.mesh import Mesh
+from splat2mesh.scene.mesh import Mesh, unit
 from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.splats import Splats
 from splat2mesh.views.eyes import FOV_DEG
@@ -23,7 +23,7 @@ from ..splats.binding import PIXELS
 from ..splats.light_ratio import Usual
 from .gathering import Casting, change_at
 from .inserts import InsertedLight
-from .refine import carried, refined, unit
+from .refine import carried, refined
 from .surroundings import Receiving
 
 FINENESS = 20.0
@@ -64,7 +64,8 @@ class ShadowedSplats:
         changed = np.logical_or.reduce([_changed(pose) for pose in poses])
         most = MOST_FACES + len(scene.faces)
         faces, self._rounds = refined(scene.vertices, scene.faces, smallest / FINENESS, most, changed)
-        vertices, self._normals = carried(scene.vertices, self._rounds), unit(carried(scene.normals, self._rounds))
+        vertices, normals = (carried(each, self._rounds) for each in (scene.vertices, scene.normals))
+        self._normals = unit(normals).astype(np.float32)
         self._origins = carried(light.around.occluder.origins, self._rounds)
         mesh = Mesh(vertices, self._normals, faces, carried(scene.colors_srgb, self._rounds))
         finer = Scene([mesh], scene_from_splat=scene.scene_from_splat, capture=scene.capture)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..base.arrays import Faces, Indices, Points
 from ..scene.color import linear_from_srgb
-from ..scene.mesh import Mesh, edge_keys
+from ..scene.mesh import Mesh, edge_keys, normals_of
 from ..scene.meshfile import mesh_ply_bytes
 from ..surface.album import GREY, Album, filled_in
 from ..surface.clean import fill_holes, without_floaters
@@ -20,7 +20,7 @@ from ..surface.fair import fair
 from ..surface.place import HOLE_CELLS, SPARE
 from ..surface.simplify import simplify
 from .coarse import twins
-from .lattice import Raw, normals_of, raw_surface, seam_edges, seam_of, smoothed
+from .lattice import Raw, raw_surface, seam_edges, seam_of, smoothed
 from .look import carve_of, shots_around, sight_of
 from .memory import give_back
 from .plan import DISTANT, FAR, CityPlan, folder_of
