@@ -17,7 +17,7 @@ from ..surface.dualmesh import dual_mesh
 from ..surface.octree import BITS, HALF, MASK, corners_of, leaves_of, requested_cells
 from ..surface.sight import FusionSight, Truncation
 from .memory import give_back
-from .plan import CELL_LEVELS, RING, CityPlan
+from .plan import CARVE, CELL_LEVELS, RING, CityPlan
 
 MOST_CELLS = 24_000_000
 """Most cells of a tile: a table of 400 MB."""
@@ -36,7 +36,7 @@ class Raw(NamedTuple):
     owner: NDArray[np.int64]
 
 
-def raw_surface(sights: list[FusionSight], plan: CityPlan, tile: int, carve: float) -> Raw:
+def raw_surface(sights: list[FusionSight], plan: CityPlan, tile: int) -> Raw:
     """Fuse sights within the core of a tile and RING blocks around it. Vertices stand in the order of their cells. The
     list of sights is empty afterwards, since their data are a large part of a process's memory."""
     empty = Raw(np.zeros((0, 3)), np.zeros((0, 3), np.int32), np.zeros(0), np.zeros(0, np.int64))
@@ -45,7 +45,7 @@ def raw_surface(sights: list[FusionSight], plan: CityPlan, tile: int, carve: flo
         return empty
     origin = np.zeros(3)
     steps = (sight.step for sight in sights)
-    truncation = Truncation(plan.finest, carve=carve)
+    truncation = Truncation(plan.finest, carve=CARVE * plan.block)
     requested = requested_cells(sights, steps, origin, truncation, MOST_CELLS)
     maps = packed(sights, origin)
     sights.clear()

@@ -21,7 +21,7 @@ from ..surface.place import HOLE_CELLS, SPARE
 from ..surface.simplify import simplify
 from .coarse import twins
 from .lattice import Raw, raw_surface, seam_edges, seam_of, smoothed
-from .look import carve_of, shots_around, sight_of
+from .look import shots_around, sight_of
 from .memory import give_back
 from .plan import DISTANT, FAR, CityPlan, folder_of
 from .store import Store
@@ -38,7 +38,7 @@ def mesh(store: Store, key: str, tile: int) -> dict[str, Any]:
     album = Album.joined(pictures) if pictures else None
     pictures.clear()
     give_back()
-    raw = raw_surface(sights, known, tile, carve_of(known))
+    raw = raw_surface(sights, known, tile)
     give_back()
     made, facts = tile_mesh(raw, tile, album, known)
     del raw, album
