@@ -26,7 +26,7 @@ from .surroundings import Receiving, Surroundings, Together
 OBJECT_RAYS = 256
 """Rays from each vertex of an object, in all directions."""
 
-NEAR_RAYS = 4
+NEAR_RAYS = 8
 """Factor on the number of rays for a vertex within the sphere of an object, where they go in all directions."""
 
 LEAST_CONE = 1.0 / 400.0
@@ -105,18 +105,13 @@ def change_at(
         toward = middle - at.origins[reached]
         distance = np.linalg.norm(toward, axis=1)
         near = distance <= radius
-        for inside, count in ((False, how.rays), (True, NEAR_RAYS * how.rays)):
-            place = np.flatnonzero(near if inside else ~near)
-            size = max(1, BATCH_RAYS // count)
-            for start in range(0, len(place), size):
-                part = place[start : start + size]
-                cosine = np.full(len(part), -2.0, np.float32)
-                if not inside:
-                    cosine = np.sqrt(1.0 - (radius / distance[part]) ** 2).astype(np.float32)
-                axis = (toward[part] / np.maximum(distance[part, None], 1e-12)).astype(np.float32)
-                rows = reached[part]
-                cone, as_many = (axis, cosine), how._replace(rays=count)
-                change[rows] += _through(around, _Part(standing, number, sent), at.of(rows), cone, as_many)
+        cosine = np.sqrt(1.0 - (radius / np.maximum(distance, radius)) ** 2).astype(np.float32)
+        axis = np.where(near[:, None], at.normals[reached], toward / np.maximum(distance[:, None], 1e-12))
+        for place, count in ((~near, how.rays), (near, NEAR_RAYS * how.rays)):
+            many, size = how._replace(rays=count), max(1, BATCH_RAYS // count)
+            for part in np.split(np.flatnonzero(place), range(size, int(place.sum()), size)):
+                rows, cone = reached[part], (axis[part].astype(np.float32), cosine[part])
+                change[rows] += _through(around, _Part(standing, number, sent), at.of(rows), cone, many)
                 advance(len(part))
     before = _direct_where(around, standing, at)
     if len(before):
@@ -231,28 +226,19 @@ def _aim(
     weights: NDArray,
 ) -> None:
     """Directions evenly over a cone about an axis, and the weight of each in the irradiance over pi: solid angle times
-    cosine over pi. Below -1 the cone is the cosine lobe itself, and all weights are equal."""
+    cosine over pi."""
     count, one = len(azimuths), np.float32(1)
     for v in range(begin, end):
-        lobe = cosines[v] < -one
         nx, ny, nz = normals[v]
-        ax, ay, az = axes[v]
-        if lobe:
-            ax, ay, az = nx, ny, nz
         shift, (cos_turn, sin_turn) = offsets[v, 0], turned(offsets[v, 1])
-        tx, ty, tz, bx, by, bz, ax, ay, az = tangents(ax, ay, az)
+        tx, ty, tz, bx, by, bz, ax, ay, az = tangents(axes[v, 0], axes[v, 1], axes[v, 2])
         solid = np.float32(2.0 * np.pi) * (one - cosines[v]) / np.float32(count)
         for i in range(count):
-            part = (np.float32(i) + shift) / np.float32(count)
-            height = np.sqrt(max(one - part, np.float32(0))) if lobe else one - part * (one - cosines[v])
+            height = one - (np.float32(i) + shift) / np.float32(count) * (one - cosines[v])
             radius = np.sqrt(max(one - height * height, np.float32(0)))
             u = radius * (cos_turn * azimuths[i, 0] - sin_turn * azimuths[i, 1])
             w = radius * (sin_turn * azimuths[i, 0] + cos_turn * azimuths[i, 1])
             dx, dy, dz = u * tx + w * bx + height * ax, u * ty + w * by + height * ay, u * tz + w * bz + height * az
             rays[v, i, 0], rays[v, i, 1], rays[v, i, 2] = origins[v]
             rays[v, i, 3], rays[v, i, 4], rays[v, i, 5] = dx, dy, dz
-            if lobe:
-                weights[v, i] = one / np.float32(count)
-            else:
-                cosine = max(nx * dx + ny * dy + nz * dz, np.float32(0)) * np.float32(1.0 / np.pi)
-                weights[v, i] = solid * cosine
+            weights[v, i] = solid * max(nx * dx + ny * dy + nz * dz, np.float32(0)) * np.float32(1.0 / np.pi)
