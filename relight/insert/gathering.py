@@ -170,36 +170,25 @@ def _of(hits: Hits, rows: Mask) -> Hits:
 
 
 def _direct_where(around: Surroundings, standing: Standing, at: Receiving) -> Indices:
-    """Rows of the points that may lie in the shadow of objects under suns and lamps."""
+    """Rows of the points that may lie in the shadow of objects under suns and lamps: the way to the sphere of the light
+    passes that of an object."""
     origins = at.origins.astype(np.float64)
     found = np.zeros(len(origins), bool)
-    for middle, radius in standing.spheres:
-        toward = middle - origins
-        for direction in around.suns.directions:
-            along = toward @ direction
-            apart = np.linalg.norm(toward - along[:, None] * direction, axis=1)
-            found |= (along > -radius) & (apart < radius)
-        if around.lamps is not None:
-            for lamp in np.unique(around.lamps.lamp):
-                found |= _behind(around, lamp, origins, middle, radius)
+    lights = [(1000.0 * direction, 0.0, 0.0) for direction in around.suns.directions]  # far outside the unit frame
+    for lamp in [] if around.lamps is None else np.unique(around.lamps.lamp):
+        assert around.lamps is not None
+        own = around.lamps.of_lamp(int(lamp))
+        center = 0.5 * (own.middle.min(axis=0) + own.middle.max(axis=0)).astype(np.float64)
+        lights.append((center, 1.0, float((np.linalg.norm(own.middle - center, axis=1) + own.reach).max())))
+    for place, near, size in lights:
+        way = place - near * origins
+        square = np.maximum(np.einsum("ij,ij->i", way, way), 1e-12)
+        for middle, radius in standing.spheres:
+            toward = middle - origins
+            along = np.clip(np.einsum("ij,ij->i", toward, way) / square, 0.0, 1.0)
+            apart = along[:, None] * way - toward
+            found |= np.einsum("ij,ij->i", apart, apart) < (radius + along * size) ** 2
     return np.flatnonzero(found)
-
-
-def _behind(
-    around: Surroundings, lamp: int, origins: NDArray[np.float64], middle: NDArray[np.float64], radius: float
-) -> NDArray[np.bool_]:
-    """Mask of the points (N, 3) where a ball may occlude a lamp: those whose path to the lamp's sphere passes the
-    ball."""
-    assert around.lamps is not None
-    of_lamp = around.lamps.lamp == lamp
-    places, reach = around.lamps.middle[of_lamp].astype(np.float64), around.lamps.reach[of_lamp]
-    center = 0.5 * (places.min(axis=0) + places.max(axis=0))
-    size = float((np.linalg.norm(places - center, axis=1) + reach).max())
-    way = center - origins
-    square = np.maximum(np.einsum("ij,ij->i", way, way), 1e-12)
-    along = np.clip(np.einsum("ij,ij->i", middle - origins, way) / square, 0.0, 1.0)
-    apart = np.linalg.norm(origins + along[:, None] * way - middle, axis=1)
-    return apart < radius + along * size
 
 
 def _direct(around: Surroundings, occluder: Together, at: Receiving) -> NDArray[np.float32]:
