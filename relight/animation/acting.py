@@ -8,12 +8,11 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.gltf import GltfData
-from splat2mesh.scene.mesh import Mesh
+from splat2mesh.scene.mesh import Mesh, unit
 
 from ..insert.asked import AskedInsert
 from ..insert.inserts import Inserts
 from ..insert.objects import InsertedObject, Part
-from ..insert.refine import unit
 from .animation import POSES, Animation
 
 
@@ -65,4 +64,4 @@ def _posed(each: InsertedObject, animation: Animation, time_s: float) -> Inserte
 
 def _part(part: Part, pose: tuple[NDArray[np.float32], NDArray[np.float32]]) -> Part:
     vertices, normals = pose
-    return replace(part, vertices=part.carried(vertices), normals=unit(part.carried(normals)))
+    return replace(part, vertices=part.carried(vertices), normals=unit(part.carried(normals)).astype(np.float32))

@@ -9,12 +9,13 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import ColorsSrgb, Faces, Integers, Points
 from splat2mesh.base.errors import InputError
-from splat2mesh.base.gltf import MODES, TRIANGLES, WIDTHS, GltfData, entry, triangles, warn_skipped
-from splat2mesh.base.gltfnodes import global_matrices, hierarchy, initial_transforms, instances
+from splat2mesh.base.gltf import WIDTHS, GltfData, entry, warn_skipped
+from splat2mesh.base.gltfnodes import global_matrices, hierarchy, initial_transforms
 from splat2mesh.base.inputs import reading
 from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
+from splat2mesh.scene.gltfmesh import Primitive, painted, primitives
 from splat2mesh.scene.gltftextures import Textures
-from splat2mesh.scene.mesh import Mesh
+from splat2mesh.scene.mesh import Mesh, vertex_normals
 from splat2mesh.scene.scene import Scene
 
 from .skinning import Track, morphed, moved, skinned
@@ -47,7 +48,7 @@ class Animation:
 
     def _read(self, animation: str | int | None) -> None:
         document = self._data.document
-        self._order, self._parent, self._shown = hierarchy(self._data)
+        self._order, self._parent, _ = hierarchy(self._data)
         self._initial = initial_transforms(self._data)
         self.names = [each.name or str(number) for number, each in enumerate(document.animations or [])]
         number = _chosen(self._data.path, self.names, animation)
@@ -151,42 +152,23 @@ class Animation:
         return joints, inverse
 
     def _read_parts(self) -> "list[AnimatedPart]":
-        document, parts, skipped = self._data.document, [], 0
-        for index in self._order:
-            node = document.nodes[index]
-            if node.mesh is None or not self._shown[index]:
-                continue
-            mesh = entry(document.meshes, node.mesh)
-            for primitive in mesh.primitives:
-                mode = TRIANGLES if primitive.mode is None else primitive.mode
-                if mode not in MODES or primitive.attributes.POSITION is None:
-                    skipped += 1
-                    continue
-                part = self._read_part(index, node, mesh, primitive, mode)
-                parts += [replace(part, node_from_part=each) for each in instances(self._data, index)]
-        warn_skipped(self._data.path, skipped, "sets of points or lines")
-        if not parts:
-            raise InputError(f"{self._data.path}: holds no triangles; expected a triangle mesh")
-        return parts
+        found = [(self._read_part(each), each.copies) for each in primitives(self._data)]
+        return [replace(part, node_from_part=copy) for part, copies in found for copy in copies]
 
-    def _read_part(self, index: int, node: Any, mesh: Any, primitive: Any, mode: int) -> "AnimatedPart":
-        data, attributes, what = self._data, primitive.attributes, f"the mesh of node {index}"
-        count = len(data.array(attributes.POSITION, what))
-        vertices = data.vectors(attributes.POSITION, count, 3, what)
-        normals = None if attributes.NORMAL is None else data.vectors(attributes.NORMAL, count, 3, what)
-        row = np.arange(count) if primitive.indices is None else data.array(primitive.indices, what).astype(np.int64)
-        faces = triangles(row, mode)
-        if len(faces) == 0 or faces.min() < 0 or faces.max() >= count:
-            raise InputError(f"{data.path}: {what} has no faces, or one that names a vertex beyond its {count}")
-        targets = primitive.targets or []
+    def _read_part(self, each: Primitive) -> "AnimatedPart":
+        node, what = self._data.document.nodes[each.node], f"the mesh of node {each.node}"
+        mesh, targets, count = self._data.document.meshes[node.mesh], each.source.targets or [], len(each.points)
         vertex_targets = self._targets(targets, "POSITION", count, what)
         normal_targets = self._targets(targets, "NORMAL", count, what)
-        weights = np.array(self._data.document.nodes[index].weights or mesh.weights or [0.0] * len(targets), np.float64)
-        joints, joint_weights = (None, None) if node.skin is None else self._influences(attributes, node, count, what)
+        weights = np.array(node.weights or mesh.weights or [0.0] * len(targets), np.float64)
+        joints, joint_weights = None, None
+        if node.skin is not None:
+            joints, joint_weights = self._influences(each.source.attributes, node, count, what)
         skin = None if joints is None else node.skin
-        colors = self._colors(primitive, count, what)
+        colors = bytes_from_unit(srgb_from_linear(painted(each, self._textures)))
+        vertices, normals = each.points.astype(np.float32), each.held.get("NORMAL")
         morphs = vertex_targets, normal_targets, weights
-        return AnimatedPart(index, vertices, normals, faces, colors, *morphs, skin, joints, joint_weights)
+        return AnimatedPart(each.node, vertices, normals, each.faces, colors, *morphs, skin, joints, joint_weights)
 
     def _targets(self, targets: list[Any], name: str, count: int, what: str) -> NDArray[np.float32]:
         """(M, V, 3) float32 differences of every morph target, 0 where one has none."""
@@ -223,18 +205,6 @@ class Animation:
         joints[weights == 0] = 0
         return joints, np.ascontiguousarray(weights, np.float32)
 
-    def _colors(self, primitive: Any, count: int, what: str) -> ColorsSrgb:
-        """(V, 3) uint8 sRGB of vertices times the base colour of their material, white without either."""
-        attributes, linear = primitive.attributes, np.ones((count, 3), np.float32)
-        if attributes.COLOR_0 is not None:
-            linear = np.asarray(self._data.array(attributes.COLOR_0, what), np.float32)
-        if linear.ndim != 2 or len(linear) != count or linear.shape[1] not in (3, 4):
-            raise InputError(f"{self._data.path}: {what} has colours of shape {linear.shape} for {count} vertices")
-        names = [name for name in attributes if name.startswith("TEXCOORD_")]
-        held = {name: self._data.array(attributes[name], what) for name in names}
-        painted = np.clip(linear[:, :3], 0.0, 1.0) * self._textures.base_colors(primitive.material, held)
-        return bytes_from_unit(srgb_from_linear(painted))
-
 
 @dataclass(frozen=True)
 class AnimatedPart:
@@ -263,17 +233,9 @@ def face_normals(
     vertices: Points,  # (V, 3)
     faces: Integers,  # (F, 3)
 ) -> NDArray[np.float32]:
-    """Unit normals of vertices, (V, 3) float32: of their faces, by area, smooth over seams; 0 without faces."""
-    corners = vertices[faces].astype(np.float64)
-    areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    _, place = np.unique(vertices, axis=0, return_inverse=True)
-    place = place.reshape(-1)
-    total = np.zeros((place.max() + 1, 3))
-    for corner in range(3):
-        np.add.at(total, place[faces[:, corner]], areas)
-    length = np.linalg.norm(total, axis=1, keepdims=True)
-    total = np.divide(total, length, out=np.zeros_like(total), where=length > 0)
-    return total[place].astype(np.float32)
+    """Unit normals of vertices, (V, 3) float32: those of `vertex_normals`, smooth over seams."""
+    places, place = np.unique(vertices, axis=0, return_inverse=True)
+    return vertex_normals(places, place.reshape(-1)[faces])[place.reshape(-1)]
 
 
 def _chosen(path: Path, names: list[str], animation: str | int | None) -> int:

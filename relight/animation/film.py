@@ -26,7 +26,9 @@ from ..output.preview import Preview, default_camera
 from .animation import POSES
 
 if TYPE_CHECKING:
+    from ..insert.inserts import InsertedLight, Inserts
     from ..light.environment import Environment
+    from .acting import Acting
     from .animation import Animation
 
 FILM = "animation.mp4"
@@ -83,20 +85,53 @@ def animate(
     Raises InputError for a folder that is not to be replaced and a rate that is not above 0; an encoder that fails is
     no error: the pictures are there.
     """
-    times = frame_times(animation.duration_s, asked.fps)
+    frame_times(animation.duration_s, asked.fps)
     check_output(asked.folder, asked.overwrite, MARKER)
     camera, exposure = shot.camera or fitted_camera(animation, shot.width / shot.height), shot.exposure
+
+    def drawn(time_s: float) -> tuple[NDArray[np.uint8], float]:
+        nonlocal exposure
+        scene = animation.frame(time_s)
+        radiance = radiance_of(scene, time_s)
+        exposure = auto_exposure(radiance) if exposure is None else exposure
+        picture = Preview(scene, camera, shot.width, shot.height, shot.samples)
+        return picture.render(radiance, environment, exposure), exposure
+
+    return _filmed(drawn, animation.duration_s, asked, advance, finish)
+
+
+def film_objects(
+    acting: "Acting",
+    lit: "Callable[[Inserts], InsertedLight]",  # objects in the light of the place
+    painter: "Callable[[list[InsertedLight]], Callable[[InsertedLight], NDArray[np.uint8]]]",  # of some of the poses
+    asked: FilmRequest,
+    exposure: float,
+    advance: Callable[[int], Any] = lambda count: None,
+    finish: Callable[[Path, Frames], Any] = lambda folder, frames: None,
+) -> "Frames":
+    """The same of animated objects in a static place, to the end of the longest animation: each frame retraces only
+    their reach. painter: returns the function that draws a frame. The rest as of `animate`."""
+    frame_times(acting.duration_s, asked.fps)
+    check_output(asked.folder, asked.overwrite, MARKER)
+    draw = painter([lit(pose) for pose in acting.sampled])
+    return _filmed(lambda time_s: (draw(lit(acting.at(time_s))), exposure), acting.duration_s, asked, advance, finish)
+
+
+def _filmed(
+    drawn: Callable[[float], tuple[NDArray[np.uint8], float]],  # picture and exposure of a time
+    duration_s: float,
+    asked: FilmRequest,
+    advance: Callable[[int], Any],
+    finish: Callable[[Path, Frames], Any],
+) -> Frames:
+    times, exposure = frame_times(duration_s, asked.fps), 1.0
     with staged_folder(asked.folder, asked.overwrite, MARKER) as staging:
         for number, time_s in enumerate(times):
-            scene = animation.frame(time_s)
-            radiance = radiance_of(scene, time_s)
-            exposure = auto_exposure(radiance) if exposure is None else exposure
-            drawn = Preview(scene, camera, shot.width, shot.height, shot.samples)
-            write_png(staging / f"{number:04d}.png", drawn.render(radiance, environment, exposure))
+            picture, exposure = drawn(float(time_s))
+            write_png(staging / f"{number:04d}.png", picture)
             advance(1)
         note = encode(staging, asked.fps) if asked.encoded else ""
-        film = asked.encoded and not note
-        written = Frames(len(times), film, float(exposure), note)  # type: ignore[arg-type]  # one at least
+        written = Frames(len(times), asked.encoded and not note, float(exposure), note)
         finish(staging, written)
     return written
 

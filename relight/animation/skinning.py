@@ -6,13 +6,14 @@ specification, sections 3.7 (skins, morph targets) and 3.11 with appendix C (int
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation, Slerp
 
 from splat2mesh.base.arrays import Floats, Integers, Matrix4
 from splat2mesh.base.errors import InputError
+from splat2mesh.base.gltfnodes import for_normals
+from splat2mesh.scene.mesh import unit
 
 INTERPOLATIONS = "LINEAR", "STEP", "CUBICSPLINE"
-
-_PARALLEL = 0.9995  # cosine of half an angle beyond which a spherical step is a straight one, to 1e-8
 
 
 class Track:
@@ -53,7 +54,8 @@ class Track:
             return self._unit(values[before])
         if self.interpolation == "LINEAR":
             if self.spherical:
-                return _slerp(values[before], values[after], share)
+                turns = Rotation.from_quat(values[[before, after]])
+                return np.asarray(Slerp([0.0, 1.0], turns)(share).as_quat())
             return (1.0 - share) * values[before] + share * values[after]
         square, cube = share**2, share**3
         leaving, arriving = span * self._values[before, 2], span * self._values[after, 0]
@@ -62,17 +64,6 @@ class Track:
 
     def _unit(self, value: NDArray[np.float64]) -> NDArray[np.float64]:
         return value / max(float(np.linalg.norm(value)), 1e-300) if self.spherical else value
-
-
-def for_normals(matrices: Floats) -> Floats:
-    """Matrices (..., 3, 3) that turn normals where (..., 4, 4) move points, up to a positive factor.
-
-    The inverse transpose times the absolute determinant, which also exists for a matrix that flattens to a plane.
-    """
-    a, b, c = (matrices[..., :3, column] for column in range(3))
-    cofactors = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=-1)
-    sign = np.where(np.einsum("...i,...i->...", a, np.cross(b, c)) < 0, -1.0, 1.0)
-    return cofactors * sign[..., None, None]
 
 
 def morphed(
@@ -94,9 +85,7 @@ def moved(
     matrix: Matrix4,
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Points and normals under one matrix: (V, 3) float32 each, the normals unit, or 0 where they were."""
-    turned = normals @ for_normals(matrix).T
-    length = np.linalg.norm(turned, axis=1, keepdims=True)
-    turned = np.divide(turned, length, out=np.zeros_like(turned), where=length > 0)
+    turned = unit(normals @ for_normals(matrix).T)
     return (vertices @ matrix[:3, :3].T + matrix[:3, 3]).astype(np.float32), turned.astype(np.float32)
 
 
@@ -112,22 +101,5 @@ def skinned(
     bound = np.where(shares[..., None, None] != 0.0, np.asarray(matrices, np.float64)[joints], 0.0)
     own = np.einsum("vj,vjrc->vrc", shares, bound)
     place = np.einsum("vrc,vc->vr", own[:, :3, :3], vertices) + own[:, :3, 3]
-    turned = np.einsum("vrc,vc->vr", for_normals(own), normals)
-    length = np.linalg.norm(turned, axis=1, keepdims=True)
-    turned = np.divide(turned, length, out=np.zeros_like(turned), where=length > 0.0)
+    turned = unit(np.einsum("vrc,vc->vr", for_normals(own), normals))
     return place.astype(np.float32), turned.astype(np.float32)
-
-
-def _slerp(first: NDArray[np.float64], second: NDArray[np.float64], share: float) -> NDArray[np.float64]:
-    """Interpolate between two quaternions on the shorter way."""
-    first = first / max(float(np.linalg.norm(first)), 1e-300)
-    second = second / max(float(np.linalg.norm(second)), 1e-300)
-    cosine = float(first @ second)
-    if cosine < 0.0:
-        second, cosine = -second, -cosine
-    if cosine > _PARALLEL:
-        value = (1.0 - share) * first + share * second
-    else:
-        angle = np.arccos(cosine)
-        value = (np.sin((1.0 - share) * angle) * first + np.sin(share * angle) * second) / np.sin(angle)
-    return value / np.linalg.norm(value)

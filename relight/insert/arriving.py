@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Faces, Vector
 from splat2mesh.base.sphere import fibonacci_sphere
+from splat2mesh.scene.mesh import unit
 
 from ..lamps.tracing import DRAFT_RAYS, lamplight
 from .surroundings import Receiving, Surroundings, Together
@@ -65,20 +66,16 @@ def clustered(
     directions: NDArray[np.float64], weights: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Directions (S, 3) of lights and their irradiance (S, 3), those near a stronger one joined with it."""
-    found: list[tuple[NDArray[np.float64], ...]] = []
+    near, count = directions @ directions.T > np.cos(np.radians(NEAR_DEG)), 0
+    label = np.full(len(directions), -1)
     for row in np.argsort(-weights.sum(axis=1), kind="stable"):
-        direction, weight = directions[row], weights[row]
-        moment = direction * weight.sum()
-        for number, (first, moments, total) in enumerate(found):
-            if first @ direction > np.cos(np.radians(NEAR_DEG)):
-                found[number] = first, moments + moment, total + weight
-                break
-        else:
-            found.append((direction, moment, weight))
-    if not found:
-        return directions, weights
-    ways = np.stack([moment if moment.any() else first for first, moment, _ in found])
-    return ways / np.linalg.norm(ways, axis=1, keepdims=True), np.stack([weight for *_, weight in found])
+        if label[row] < 0:
+            label[near[row] & (label < 0)] = count
+            count += 1
+    ways, found = np.zeros((2, count, 3))
+    np.add.at(ways, label, directions * weights.sum(axis=1, keepdims=True))
+    np.add.at(found, label, weights)
+    return unit(ways), found
 
 
 def shown_along(

@@ -26,7 +26,7 @@ from .surroundings import Receiving, Surroundings, Together
 OBJECT_RAYS = 256
 """Rays from each vertex of an object, in all directions."""
 
-NEAR_RAYS = 4
+NEAR_RAYS = 8
 """Factor on the number of rays for a vertex within the sphere of an object, where they go in all directions."""
 
 LEAST_CONE = 1.0 / 400.0
@@ -105,18 +105,13 @@ def change_at(
         toward = middle - at.origins[reached]
         distance = np.linalg.norm(toward, axis=1)
         near = distance <= radius
-        for inside, count in ((False, how.rays), (True, NEAR_RAYS * how.rays)):
-            place = np.flatnonzero(near if inside else ~near)
-            size = max(1, BATCH_RAYS // count)
-            for start in range(0, len(place), size):
-                part = place[start : start + size]
-                cosine = np.full(len(part), -2.0, np.float32)
-                if not inside:
-                    cosine = np.sqrt(1.0 - (radius / distance[part]) ** 2).astype(np.float32)
-                axis = (toward[part] / np.maximum(distance[part, None], 1e-12)).astype(np.float32)
-                rows = reached[part]
-                cone, as_many = (axis, cosine), how._replace(rays=count)
-                change[rows] += _through(around, _Part(standing, number, sent), at.of(rows), cone, as_many)
+        cosine = np.sqrt(1.0 - (radius / np.maximum(distance, radius)) ** 2).astype(np.float32)
+        axis = np.where(near[:, None], at.normals[reached], toward / np.maximum(distance[:, None], 1e-12))
+        for place, count in ((~near, how.rays), (near, NEAR_RAYS * how.rays)):
+            many, size = how._replace(rays=count), max(1, BATCH_RAYS // count)
+            for part in np.split(np.flatnonzero(place), range(size, int(place.sum()), size)):
+                rows, cone = reached[part], (axis[part].astype(np.float32), cosine[part])
+                change[rows] += _through(around, _Part(standing, number, sent), at.of(rows), cone, many)
                 advance(len(part))
     before = _direct_where(around, standing, at)
     if len(before):
@@ -175,36 +170,25 @@ def _of(hits: Hits, rows: Mask) -> Hits:
 
 
 def _direct_where(around: Surroundings, standing: Standing, at: Receiving) -> Indices:
-    """Rows of the points that may lie in the shadow of objects under suns and lamps."""
+    """Rows of the points that may lie in the shadow of objects under suns and lamps: the way to the sphere of the light
+    passes that of an object."""
     origins = at.origins.astype(np.float64)
     found = np.zeros(len(origins), bool)
-    for middle, radius in standing.spheres:
-        toward = middle - origins
-        for direction in around.suns.directions:
-            along = toward @ direction
-            apart = np.linalg.norm(toward - along[:, None] * direction, axis=1)
-            found |= (along > -radius) & (apart < radius)
-        if around.lamps is not None:
-            for lamp in np.unique(around.lamps.lamp):
-                found |= _behind(around, lamp, origins, middle, radius)
+    lights = [(1000.0 * direction, 0.0, 0.0) for direction in around.suns.directions]  # far outside the unit frame
+    for lamp in [] if around.lamps is None else np.unique(around.lamps.lamp):
+        assert around.lamps is not None
+        own = around.lamps.of_lamp(int(lamp))
+        center = 0.5 * (own.middle.min(axis=0) + own.middle.max(axis=0)).astype(np.float64)
+        lights.append((center, 1.0, float((np.linalg.norm(own.middle - center, axis=1) + own.reach).max())))
+    for place, near, size in lights:
+        way = place - near * origins
+        square = np.maximum(np.einsum("ij,ij->i", way, way), 1e-12)
+        for middle, radius in standing.spheres:
+            toward = middle - origins
+            along = np.clip(np.einsum("ij,ij->i", toward, way) / square, 0.0, 1.0)
+            apart = along[:, None] * way - toward
+            found |= np.einsum("ij,ij->i", apart, apart) < (radius + along * size) ** 2
     return np.flatnonzero(found)
-
-
-def _behind(
-    around: Surroundings, lamp: int, origins: NDArray[np.float64], middle: NDArray[np.float64], radius: float
-) -> NDArray[np.bool_]:
-    """Mask of the points (N, 3) where a ball may occlude a lamp: those whose path to the lamp's sphere passes the
-    ball."""
-    assert around.lamps is not None
-    of_lamp = around.lamps.lamp == lamp
-    places, reach = around.lamps.middle[of_lamp].astype(np.float64), around.lamps.reach[of_lamp]
-    center = 0.5 * (places.min(axis=0) + places.max(axis=0))
-    size = float((np.linalg.norm(places - center, axis=1) + reach).max())
-    way = center - origins
-    square = np.maximum(np.einsum("ij,ij->i", way, way), 1e-12)
-    along = np.clip(np.einsum("ij,ij->i", middle - origins, way) / square, 0.0, 1.0)
-    apart = np.linalg.norm(origins + along[:, None] * way - middle, axis=1)
-    return apart < radius + along * size
 
 
 def _direct(around: Surroundings, occluder: Together, at: Receiving) -> NDArray[np.float32]:
@@ -231,28 +215,19 @@ def _aim(
     weights: NDArray,
 ) -> None:
     """Directions evenly over a cone about an axis, and the weight of each in the irradiance over pi: solid angle times
-    cosine over pi. Below -1 the cone is the cosine lobe itself, and all weights are equal."""
+    cosine over pi."""
     count, one = len(azimuths), np.float32(1)
     for v in range(begin, end):
-        lobe = cosines[v] < -one
         nx, ny, nz = normals[v]
-        ax, ay, az = axes[v]
-        if lobe:
-            ax, ay, az = nx, ny, nz
         shift, (cos_turn, sin_turn) = offsets[v, 0], turned(offsets[v, 1])
-        tx, ty, tz, bx, by, bz, ax, ay, az = tangents(ax, ay, az)
+        tx, ty, tz, bx, by, bz, ax, ay, az = tangents(axes[v, 0], axes[v, 1], axes[v, 2])
         solid = np.float32(2.0 * np.pi) * (one - cosines[v]) / np.float32(count)
         for i in range(count):
-            part = (np.float32(i) + shift) / np.float32(count)
-            height = np.sqrt(max(one - part, np.float32(0))) if lobe else one - part * (one - cosines[v])
+            height = one - (np.float32(i) + shift) / np.float32(count) * (one - cosines[v])
             radius = np.sqrt(max(one - height * height, np.float32(0)))
             u = radius * (cos_turn * azimuths[i, 0] - sin_turn * azimuths[i, 1])
             w = radius * (sin_turn * azimuths[i, 0] + cos_turn * azimuths[i, 1])
             dx, dy, dz = u * tx + w * bx + height * ax, u * ty + w * by + height * ay, u * tz + w * bz + height * az
             rays[v, i, 0], rays[v, i, 1], rays[v, i, 2] = origins[v]
             rays[v, i, 3], rays[v, i, 4], rays[v, i, 5] = dx, dy, dz
-            if lobe:
-                weights[v, i] = one / np.float32(count)
-            else:
-                cosine = max(nx * dx + ny * dy + nz * dz, np.float32(0)) * np.float32(1.0 / np.pi)
-                weights[v, i] = solid * cosine
+            weights[v, i] = solid * max(nx * dx + ny * dy + nz * dz, np.float32(0)) * np.float32(1.0 / np.pi)

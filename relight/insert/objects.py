@@ -15,13 +15,13 @@ from splat2mesh.base.inputs import quiet_numbers, reading
 from splat2mesh.scene.color import linear_from_srgb
 from splat2mesh.scene.gltfmesh import Piece, placed_pieces
 from splat2mesh.scene.gltftextures import MappedTexture, Textures, base_color
-from splat2mesh.scene.mesh import Mesh, vertex_normals
+from splat2mesh.scene.mesh import Mesh, unit, vertex_normals
 from splat2mesh.scene.meshfile import read_mesh
 
 from ..albedo.division import DARKEST, LIGHTEST
 from .asked import AskedInsert
 from .cutouts import Cut, Masked, carried_through, cut_out
-from .refine import refined, unit
+from .refine import refined
 
 if TYPE_CHECKING:
     from .splat_object import SplatObject
@@ -135,7 +135,7 @@ def _of_piece(data: GltfData, piece: Piece, textures: Textures, asked: AskedInse
     if normals is None or not normals.any(axis=1).all():
         normals = vertex_normals(points, faces)
     color = np.ones((len(points), 4), np.float32)
-    raw = _Raw(points, unit(normals), faces, color)
+    raw = _Raw(points, unit(normals).astype(np.float32), faces, color)
     raw.node = piece.node
     painted = piece.held.get("COLOR_0")
     if painted is not None:
@@ -183,7 +183,7 @@ def _fine(raw: _Raw, tint: NDArray, whole: Mesh | None = None) -> Part:
     emission = np.broadcast_to(raw.emitted, albedo.shape)
     if raw.glow is not None:
         emission = emission * raw.glow.color(at_vertices(raw.glow.uv))
-    points, normals = at_vertices(raw.points), unit(at_vertices(raw.normals))
+    points, normals = at_vertices(raw.points), unit(at_vertices(raw.normals)).astype(np.float32)
     reflected = np.asarray(np.clip(albedo, DARKEST, LIGHTEST), np.float32)
     sent = emission.astype(np.float32)
     return Part(points, normals, faces, color, shown, reflected, sent, raw.material, raw.node, rounds, cut)

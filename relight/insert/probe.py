@@ -8,6 +8,7 @@ import warnings
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Integers, Vector
@@ -117,7 +118,7 @@ def _shown(
     matrix = np.asarray(scene.scene_from_splat, np.float64)[:3, :3]
     scale = float(np.cbrt(abs(np.linalg.det(matrix))))
     turned = directions @ (matrix / scale)  # into the frame of the splats
-    color, alpha = np.zeros((len(turned), 3), np.float32), np.zeros(len(turned), np.float32)
+    shown = np.zeros((len(turned), 4), np.float32)
     axis = np.abs(turned).argmax(axis=1)
     side = np.sign(turned[np.arange(len(turned)), axis])
     for number in range(6):
@@ -129,16 +130,6 @@ def _shown(
         seen = rasterize(splats, view, NEAR_DIAGONAL * scene.diagonal / scale)
         x, y, z = view.camera_from_world[:3, :3] @ turned[rows].T
         column, row = view.fx * x / z + view.cx - 0.5, view.fy * y / z + view.cy - 0.5
-        for image, target in ((np.clip(seen.color, 0.0, 1.0), color), (seen.alpha, alpha)):
-            target[rows] = _between(image, column, row)
-    return color, alpha
-
-
-def _between(image: NDArray, column: NDArray, row: NDArray) -> NDArray[np.float32]:
-    """Bilinear values of an image at positions inside it."""
-    left, top = np.floor(column).astype(np.int64), np.floor(row).astype(np.int64)
-    a, b = column - left, row - top
-    a, b = (part.reshape(-1, *[1] * (image.ndim - 2)) for part in (a, b))
-    upper = image[top, left] * (1 - a) + image[top, left + 1] * a
-    lower = image[top + 1, left] * (1 - a) + image[top + 1, left + 1] * a
-    return np.asarray(upper * (1 - b) + lower * b, np.float32)
+        for channel, image in enumerate([*np.moveaxis(np.clip(seen.color, 0.0, 1.0), 2, 0), seen.alpha]):
+            shown[rows, channel] = scipy.ndimage.map_coordinates(image, [row, column], order=1, mode="nearest")
+    return shown[:, :3], shown[:, 3]

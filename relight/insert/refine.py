@@ -44,9 +44,3 @@ def carried(values: NDArray, rounds: list[Integers]) -> NDArray:
     for parents in rounds:
         values = np.concatenate([values, values[parents].mean(axis=1, dtype=np.float64).astype(values.dtype)])
     return values
-
-
-def unit(normals: NDArray) -> NDArray[np.float32]:
-    """Normals (V, 3) at unit length; zero normals stay."""
-    length = np.linalg.norm(normals, axis=1, keepdims=True)
-    return np.divide(normals, length, out=np.array(normals, np.float32), where=length > 0.0)

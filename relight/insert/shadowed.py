@@ -1,8 +1,7 @@
 """Splats in the shadow of objects: the change of light is recomputed on finer triangles around the objects.
 
 A mesh of a place has vertices a hand apart, but a contact shadow has an edge. So the triangles that change are
-subdivided until they are fine near the object, their vertices traced, and the splats bound to them; views from the
-positions of the capture towards the objects show which splats show which triangles.
+subdivided until they are fine near the object, their vertices traced, and the splats bound to them.
 """
 
 from dataclasses import replace
@@ -10,20 +9,15 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from splat2mesh.base.arrays import Indices
-from splat2mesh.render.view import View
-from splat2mesh.scene.mesh import Mesh
+from splat2mesh.scene.mesh import Mesh, unit
 from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.splats import Splats
-from splat2mesh.views.eyes import FOV_DEG
 
-from ..albedo.seen import standing as eyes_of
 from ..splats import Binding
-from ..splats.binding import PIXELS
 from ..splats.light_ratio import Usual
 from .gathering import Casting, change_at
 from .inserts import InsertedLight
-from .refine import carried, refined, unit
+from .refine import carried, refined
 from .surroundings import Receiving
 
 FINENESS = 20.0
@@ -37,9 +31,6 @@ SEEN_CHANGE = 0.01
 
 RAYS = 96
 """Rays to each object from the vertices of refined triangles."""
-
-VIEWS, AROUND = 16, 3.5
-"""Views of the fit, and the field around an object that they show, in its radii, as far as one view can."""
 
 
 def shadowed(light: InsertedLight, splats: Splats) -> Splats:
@@ -64,11 +55,12 @@ class ShadowedSplats:
         changed = np.logical_or.reduce([_changed(pose) for pose in poses])
         most = MOST_FACES + len(scene.faces)
         faces, self._rounds = refined(scene.vertices, scene.faces, smallest / FINENESS, most, changed)
-        vertices, self._normals = carried(scene.vertices, self._rounds), unit(carried(scene.normals, self._rounds))
+        vertices, normals = (carried(each, self._rounds) for each in (scene.vertices, scene.normals))
+        self._normals = unit(normals).astype(np.float32)
         self._origins = carried(light.around.occluder.origins, self._rounds)
         mesh = Mesh(vertices, self._normals, faces, carried(scene.colors_srgb, self._rounds))
         finer = Scene([mesh], scene_from_splat=scene.scene_from_splat, capture=scene.capture)
-        self._binding = Binding(splats, finer, _views(light, finer))
+        self._binding = Binding(splats, finer, ())
 
     def under(self, light: InsertedLight) -> Splats:
         """The splats under the change of one of the poses, or a similar one. A splat that it does not reach keeps every
@@ -94,43 +86,3 @@ class ShadowedSplats:
 
 def _changed(light: InsertedLight) -> NDArray[np.bool_]:
     return np.asarray((np.abs(np.log(light.ratio)) > SEEN_CHANGE).any(axis=1))
-
-
-def _views(light: InsertedLight, scene: Scene) -> list[View] | None:
-    """Views towards the objects from where the capture stood, in the frame of the splats; None without standpoints.
-
-    A closed room has none: the fit loses a tenth of the true shadow in a trained parlour, and gains .03 of it in a
-    garden.
-    """
-    if light.inserts.look.room is not None:
-        return []
-    back = np.linalg.inv(np.asarray(scene.scene_from_splat, np.float64))
-    scale = float(np.cbrt(abs(np.linalg.det(back[:3, :3]))))
-    eyes = eyes_of(scene) if scene.capture else np.zeros((0, 3))
-    if not len(eyes):
-        return None
-    up, frame = back[:3, 1] / np.linalg.norm(back[:3, 1]), light.standing.frame
-    views: list[View] = []
-    each = max(VIEWS // len(light.standing.spheres), 4)
-    for middle, radius in light.standing.spheres:
-        center, reach = middle * frame.diagonal + frame.center, radius * frame.diagonal
-        for eye in eyes[_apart(eyes - center, reach, each)]:
-            distance = float(np.linalg.norm(eye - center))
-            wide = np.degrees(2.0 * np.arctan(AROUND * reach / distance))
-            place, target = (back[:3, :3] @ point + back[:3, 3] for point in (eye, center))
-            views.append(View.look_at(place, target, up * scale, min(wide, FOV_DEG), PIXELS, PIXELS))
-    return views or None
-
-
-def _apart(ways: NDArray[np.float64], least: float, count: int) -> Indices:
-    """Rows of `count` offsets (E, 3) of at least this length whose directions are far from each other, the shortest
-    first."""
-    distance = np.linalg.norm(ways, axis=1)
-    far = np.flatnonzero(distance > least)
-    if not len(far):
-        return far
-    directions = ways[far] / distance[far, None]
-    chosen = [int(np.argmin(distance[far]))]
-    while len(chosen) < min(count, len(far)):
-        chosen.append(int(np.argmin((directions @ directions[chosen].T).max(axis=1))))
-    return far[chosen]

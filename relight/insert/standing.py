@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Faces
 from splat2mesh.render.raycaster import RayCaster
+from splat2mesh.scene.mesh import unit
 
 from ..transfer.occluder import Frame, Occluder
 from .objects import InsertedObject
-from .refine import unit
 from .surroundings import receivers_in
 
 ROOM = 1.001
@@ -43,7 +43,7 @@ class Standing:
         for each, matrix in zip(objects, placed, strict=True):
             own = each.joined("vertices").astype(np.float64)
             vertices.append((own @ matrix[:3, :3].T + matrix[:3, 3]).astype(np.float32))
-            normals.append(unit(each.joined("normals").astype(np.float64) @ matrix[:3, :3].T))
+            normals.append(unit(each.joined("normals") @ matrix[:3, :3].T).astype(np.float32))
             faces.append(each.faces + first[-1])
             first.append(first[-1] + len(own))
         albedo, emission = (np.concatenate([each.joined(name) for each in objects]) for name in ("albedo", "emission"))

@@ -7,10 +7,10 @@ vertex does not grow with the number of lamps, and its light is right on average
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
-from splat2mesh.base.kernels import kernel
-from splat2mesh.base.threads import over
+from splat2mesh.base.threads import ROWS_AT_ONCE, in_batches
 
 from .emitters import Emitters
 
@@ -39,88 +39,34 @@ def chosen_at(places: tuple[NDArray[np.float32], ...], emitters: Emitters, least
         return Chosen(np.ascontiguousarray(every), np.ones(every.shape, np.float32))
     taken = np.full((len(origins), ALONE + chance), -1, np.int32)
     weights = np.zeros(taken.shape, np.float32)
-    blocks = -(-len(origins) // BLOCK)
-    each = max(1, blocks // 16)
-    spans = [(begin, min(begin + each, blocks)) for begin in range(0, blocks, each)]
-    over(_choose, spans, origins, offsets, emitters, np.float32(least), taken, weights)
+
+    def choose(part: slice) -> None:
+        usual = _usual(origins[part], emitters, least)
+        block = np.arange(len(origins[part])) // BLOCK
+        best = np.argpartition(-usual, ALONE, axis=1)[:, :ALONE]
+        alone = np.take_along_axis(usual, best, axis=1) > 0.0
+        taken[part, :ALONE], weights[part, :ALONE] = np.where(alone, best, -1)[block], alone[block]
+        np.put_along_axis(usual, best, 0.0, axis=1)
+        total = usual.sum(axis=1)
+        share = np.cumsum(usual, axis=1) / np.maximum(total, 1e-300)[:, None]
+        at = (np.arange(chance) + offsets[part, :1]) / chance
+        found = np.searchsorted((share + np.arange(len(share))[:, None]).ravel(), at + block[:, None], side="right")
+        found = np.minimum(found - block[:, None] * count, count - 1)
+        bright = usual[block[:, None], found]
+        lit = bright > 0.0
+        taken[part, ALONE:] = np.where(lit, found, -1)
+        weights[part, ALONE:] = np.where(lit, total[block, None] / (chance * np.where(lit, bright, 1.0)), 0.0)
+
+    in_batches(choose, len(origins), BLOCK * max(1, ROWS_AT_ONCE // count))
     return Chosen(taken, weights)
 
 
-@kernel
-def _choose(
-    begin: int,
-    end: int,
-    origins: NDArray,
-    offsets: NDArray,
-    emitters: Emitters,
-    least: float,
-    taken: NDArray,
-    weights: NDArray,
-) -> None:
-    """Choose for blocks of vertices: the brightest by what they give at its middle, others by chance."""
-    count = len(emitters.kind)
-    usual = np.empty(count, np.float32)
-    reached = np.empty(count, np.float64)
-    best = np.empty(ALONE, np.int64)
-    for block in range(begin, end):
-        first, last = block * BLOCK, min((block + 1) * BLOCK, len(origins))
-        low, high = np.full(3, np.inf), np.full(3, -np.inf)
-        for v in range(first, last):
-            for axis in range(3):
-                low[axis] = min(low[axis], origins[v, axis])
-                high[axis] = max(high[axis], origins[v, axis])
-        radius = 0.0
-        for axis in range(3):
-            radius += (high[axis] - low[axis]) ** 2
-        radius = 0.5 * np.sqrt(radius)
-        for e in range(count):
-            square = 0.0
-            for axis in range(3):
-                square += (0.5 * (low[axis] + high[axis]) - emitters.middle[e, axis]) ** 2
-            distance = max(np.sqrt(square) - emitters.reach[e], 0.0)
-            mean = emitters.power[e] / (distance * distance + radius * radius + np.float32(1e-12))
-            near = max(distance - radius, 0.0)
-            dark = emitters.power[e] < least * near * near
-            usual[e] = 0.0 if dark else min(emitters.peak[e], mean)
-        alone = _brightest(usual, best)
-        total = 0.0
-        for e in range(count):
-            total += usual[e]
-            reached[e] = total
-        for v in range(first, last):
-            for k in range(alone):
-                taken[v, k], weights[v, k] = best[k], 1.0
-            if total <= 0.0:
-                continue
-            chance = taken.shape[1] - ALONE
-            for k in range(chance):
-                at = (k + offsets[v, 0]) / chance * total
-                e = min(np.searchsorted(reached, at, side="right"), count - 1)
-                while e > 0 and usual[e] == 0.0:
-                    e -= 1
-                taken[v, ALONE + k] = e
-                weights[v, ALONE + k] = total / (chance * usual[e])
-
-
-@kernel
-def _brightest(most: NDArray, best: NDArray) -> int:
-    """The indices of the largest numbers into `best`, and zeros in their place; how many there are above 0."""
-    found = 0
-    least = np.float32(0.0)
-    for e in range(len(most)):
-        if most[e] <= least:
-            continue
-        if found < len(best):
-            k = found
-            found += 1
-        else:
-            k = len(best) - 1
-        while k > 0 and most[best[k - 1]] < most[e]:
-            best[k] = best[k - 1]
-            k -= 1
-        best[k] = e
-        if found == len(best):
-            least = most[best[len(best) - 1]]
-    for k in range(found):
-        most[best[k]] = 0.0
-    return found
+def _usual(origins: NDArray[np.float32], emitters: Emitters, least: float) -> NDArray[np.float64]:
+    """What emitters give in the middle of each BLOCK of vertices (V, 3), at most: (B, E); 0 for less than `least`."""
+    starts = np.arange(0, len(origins), BLOCK)
+    low, high = (each.reduceat(origins, starts, axis=0) for each in (np.minimum, np.maximum))
+    radius = 0.5 * np.linalg.norm(high - low, axis=1, keepdims=True)
+    distance = scipy.spatial.distance.cdist(0.5 * (low + high), emitters.middle)
+    distance = np.maximum(distance - emitters.reach, 0.0)
+    mean = np.minimum(emitters.peak, emitters.power / (distance**2 + radius**2 + 1e-12))
+    return np.where(emitters.power < least * np.maximum(distance - radius, 0.0) ** 2, 0.0, mean)

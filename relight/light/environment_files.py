@@ -43,7 +43,7 @@ def read_light(path: Path) -> Radiance:
     if not data:
         raise InputError(f"{path} is empty: expected an OpenEXR or Radiance HDR image")
     if data.startswith(_EXR_MAGIC):
-        check_exr(path, data)
+        check_exr(path, [part.header for part in _exr_parts(path, header_only=True)], len(data))
         return _read_exr(path)
     if data.startswith(_HDR_MAGIC):
         return radiance_hdr.decode(data, path)
@@ -66,17 +66,23 @@ def _unknown(path: Path) -> str:
     return f"{path} does not exist: {meant}Give an .exr or .hdr file, or one of {names}"
 
 
-def _read_exr(path: Path) -> NDArray[np.float32]:
-    """The light of an OpenEXR file in linear sRGB, pasted into its display window: that of `_best` of its layers."""
+def _exr_parts(path: Path, header_only: bool = False) -> list[Any]:
+    """The parts of an OpenEXR file, or their headers alone."""
     import OpenEXR
 
     try:
         with quiet_libraries(), contextlib.redirect_stdout(io.StringIO()):
-            parts = OpenEXR.File(str(path), separate_channels=True).parts
+            parts = OpenEXR.File(str(path), separate_channels=True, header_only=header_only).parts
     except Exception as error:  # the binding raises several types, each with a text of its own
         raise InputError(f"{path} is a damaged OpenEXR file ({error}): copy or export it again") from None
     if not parts:  # how the binding reports missing scan lines
         raise InputError(f"{path} is a truncated or damaged OpenEXR file: copy or export it again")
+    return list(parts)
+
+
+def _read_exr(path: Path) -> NDArray[np.float32]:
+    """The light of an OpenEXR file in linear sRGB, pasted into its display window: that of `_best` of its layers."""
+    parts = _exr_parts(path)
     layers = []
     for part in parts:
         channels = {name: each.pixels for name, each in part.channels.items() if each.pixels.dtype.kind == "f"}

@@ -35,12 +35,10 @@ DEFAULT_LIMIT = 128
 
 LEVELS = 160.0 * 0.5 ** np.arange(7)  # where luminance is cut off, over its mean: down to 2.5
 _OPENING_DEG = 2.0  # narrower patches are cut down to what surrounds them, wider ones to the level
-_FALL = 4  # a texel at twice the level keeps 1/16 of its light or what is around it; a sun keeps 1e-9 or less
 _POINT_DEG = 2.0  # a bright texel with dark ones around it is a point, unless it is higher than this
 PARTS = 8  # a side of each texel at most; a sun's disc may be one texel
 _PART_ENERGY = 1.0 / 1024  # of the light, in each part of a texel: well below what one sun holds
 _POOL_HEIGHT = 2 * HEIGHT  # rows of finer images are pooled to so many, of 0.35 degrees: less than the solar disc
-_LLOYD_ROUNDS = 5  # the largest errors come down by up to a tenth, the mean by 2%
 ENOUGH = 1.1  # of the least error that can be reached: the last tenth can take a hundred suns
 GRID = (SKY_HEIGHT, SKY_WIDTH)  # for the estimate: cells of 2.8 degrees, well under the width of a lobe of 10 bands
 
@@ -134,9 +132,7 @@ def _cuts(environment: Environment, image: Radiance, coarse: "_Coarse") -> Itera
         row, column = np.nonzero(brightness > level)
         if not len(row):
             continue
-        over = brightness[row, column] / level
-        # Narrow patches drop to what is around them, but not at once: texels beside them stay just below the level.
-        stays = np.maximum(np.minimum(level, around[row, column]) / brightness[row, column], over**-_FALL)
+        stays = np.minimum(level, around[row, column]) / brightness[row, column]  # narrow patches drop to that
         excess = image[row, column] * (1.0 - stays)[:, None]
         spots = _spots(row, column, excess, brightness.shape, power * _PART_ENERGY)
         yield _Cut(row, column, stays, spots, coarse.contrast(row, column, excess))
@@ -247,15 +243,11 @@ def _spots(row: Indices, column: Indices, excess: Radiance, shape: tuple[int, in
         label = np.unique(block, return_inverse=True)[1]
         toward, weights = _gathered(toward, weights, label)
         return toward, weights, np.full(len(toward), _variance(np.pi / _POOL_HEIGHT))
-    bright = np.zeros((height + 2, width), np.int8)  # dark rows beyond the poles, the seam closed by rolling
-    bright[row + 1, column] = 1
-    steps = (-1, 0, 1)
-    near = np.zeros_like(bright)
-    for down in steps:
-        for right in steps:
-            near += np.roll(bright, (down, right), axis=(0, 1))
-    alone = near[row + 1, column] == 1
-    alone &= height * _POINT_DEG >= 180.0
+    near = np.zeros(shape, np.int8)
+    near[row, column] = 1
+    for axis, beyond in ((0, "constant"), (1, "wrap")):
+        near = scipy.ndimage.convolve1d(near, [1, 1, 1], axis, mode=beyond)
+    alone = (near[row, column] == 1) & (height * _POINT_DEG >= 180.0)
     parts = np.clip(np.ceil(np.sqrt(luminance(weights) / part_energy)), 1, PARTS).astype(int)
     parts[alone] = 1
     found = []
@@ -276,12 +268,8 @@ def _variance(side: float) -> float:
 
 
 def _suns(spots: Spots, label: Integers) -> tuple[Suns, NDArray[np.float64]]:
-    """Suns of clusters, brightest first, after a few rounds in which every spot goes to the nearest sun; and the (S,)
-    variances of their light."""
+    """Suns of clusters, brightest first, and the (S,) variances of their light."""
     toward, weights, variances = spots
-    for _ in range(_LLOYD_ROUNDS):
-        centers, _ = _gathered(toward, weights, label)
-        label = np.unique(scipy.spatial.cKDTree(centers).query(toward)[1], return_inverse=True)[1]
     directions, gathered = _gathered(toward, weights, label)
     order = np.argsort(-luminance(gathered), kind="stable")
     bright = luminance(weights)

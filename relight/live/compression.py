@@ -4,10 +4,12 @@ A row is the mean of its cluster and a few weights times the cluster's own compo
 Snyder, "Clustered Principal Components for Precomputed Radiance Transfer" (2003).
 """
 
+import warnings
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.cluster.vq import kmeans2
 
 from splat2mesh.base.arrays import Floats, Indices, Integers
 from splat2mesh.base.errors import InputError
@@ -99,24 +101,16 @@ def compress(rows: NDArray[np.float32], counts: Floats, weights: int, near: Indi
     return Compressed(cluster.astype(np.uint16), packed, means, components)
 
 
-def near_clusters(rows: NDArray[np.float32], counts: Floats, seed: int = 0) -> NDArray[np.int64]:
-    """The nearest clusters of each row, (N, k), nearest first, by k-means. A centre that loses all its rows takes the
-    row with the largest error. Raises InputError without rows."""
+def near_clusters(rows: NDArray[np.float32], seed: int = 0) -> NDArray[np.int64]:
+    """The nearest clusters of each row, (N, k), nearest first, by k-means. Raises InputError without rows."""
     if not len(rows):
         raise InputError("there are no splats to light")
-    every = slice(None, None, -(-len(rows) // TRAINED_ON))
-    some, counts = np.ascontiguousarray(rows[every], np.float32), counts[every]
+    some = np.ascontiguousarray(rows[:: -(-len(rows) // TRAINED_ON)], np.float32)
     clusters = min(CLUSTERS, len(some))
-    centers = some[np.sort(np.random.default_rng(seed).choice(len(some), clusters, replace=False))]
-    for _ in range(ROUNDS):
-        cluster = _nearest(some, centers, 1)[:, 0]
-        total = np.bincount(cluster, counts, clusters)
-        sums = np.stack([np.bincount(cluster, counts * column, clusters) for column in some.T], axis=1)
-        centers = np.where(total[:, None] > 0.0, sums / np.maximum(total, 1e-30)[:, None], centers).astype(np.float32)
-        empty = np.flatnonzero(total == 0.0)
-        if len(empty):
-            off = counts * np.square(some - centers[cluster]).sum(axis=1)
-            centers[empty] = some[np.argsort(-off, kind="stable")[: len(empty)]]
+    first = some[np.sort(np.random.default_rng(seed).choice(len(some), clusters, replace=False))]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # of a centre that loses all its rows, which stays
+        centers, _ = kmeans2(some, first, ROUNDS, minit="matrix")
     return _nearest(rows, centers, min(CANDIDATES, clusters))
 
 

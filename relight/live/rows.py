@@ -40,7 +40,7 @@ class LitRows(NamedTuple):
         base, small = basis.colors(self.vectors)
         size = np.sqrt(np.square(truth).mean(axis=(0, 2)))
         tried: list[dict[str, float]] = []
-        near = near_clusters(rows, counts, seed)
+        near = near_clusters(rows, seed)
         for weights in WEIGHTS:
             found = compress(rows, counts, weights, near)
             off = base + np.einsum("nd,dtc->ntc", found.rows(self.every), small, optimize=True) - truth

@@ -2,7 +2,7 @@
 take the change of light of the city as seen from there."""
 
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,18 +26,6 @@ class Background(NamedTuple):
     backdrop: Backdrop
     patches: Patches
     mean: NDArray[np.float32]
-
-    def arrays(self) -> dict[str, Any]:
-        """The arrays for `from_arrays`."""
-        return {**self.backdrop._asdict(), **self.patches._asdict(), "mean": self.mean}
-
-    @classmethod
-    def from_arrays(cls, kept: dict[str, Any]) -> "Background | None":
-        """The Background from arrays by name; None without its arrays."""
-        if "mean" not in kept:
-            return None
-        backdrop = Backdrop(**{name: kept[name] for name in Backdrop._fields})
-        return cls(backdrop, Patches(**{name: kept[name] for name in Patches._fields}), kept["mean"])
 
 
 def far_splats(store: Store, piece: int, most: int | None = None) -> Splats:

@@ -3,14 +3,14 @@
 import os
 from typing import Any, cast
 
-from splat2mesh.base.errors import InputError, UnfinishedError
+from splat2mesh.base.errors import InputError
 from splat2mesh.base.progress import Stages
 from splat2mesh.base.version import VERSION
 from splat2mesh.options import TilingOptions, refuse_in_cities
 from splat2mesh.tiles.city import CITY, SCHEMA_VERSION
 from splat2mesh.tiles.plan import FILE, CityPlan
 from splat2mesh.tiles.store import Store
-from splat2mesh.tiles.tasks import Task, TaskSteps, costs, name_failed, tiling_engine
+from splat2mesh.tiles.tasks import Task, TaskSteps, costs, tiling_engine
 from splat2mesh.tiles.tileset import tileset
 
 from ..lamps.placing import asked_lamps
@@ -147,28 +147,20 @@ class CityRun:
             return cast("dict[str, Any]", store.read_json(name))
         write_sky(store, self._folder, self._light)
         given = store, self._folder, self._options, self._albedo, self._exposure_ev, self._background
-        done = self._steps.run("light", [Task("light", common_light, given)])["light"]
-        if done.error:
-            raise UnfinishedError(f"the light of the capture failed: {done.error}")
-        store.write_json(name, done.result)
-        return cast("dict[str, Any]", done.result)
+        (found,) = self._steps.need("light", [Task("light", common_light, given)])
+        store.write_json(name, found)
+        return cast("dict[str, Any]", found)
 
     def light_tiles(self, sha256: str) -> None:
         """Light every unfinished part. sha256: of the shared light. Raises UnfinishedError if some fail."""
-        tasks = self._tasks(sha256, self._done() if self._tiling.resume else set())
-        found = self._steps.run("tiles", tasks)
-        lost = [found[task.name] for task in tasks if found[task.name].error]
-        if lost:
-            failed = name_failed(lost)
-            raise UnfinishedError(f"{len(lost)} of {len(tasks)} parts are not done ({failed}); run again with `resume`")
+        self._steps.need("tiles", self._tasks(sha256, self._done() if self._tiling.resume else set()))
 
     def _done(self) -> set[str]:
         """Records of the parts that an earlier run finished."""
         names = {self._record_of(entry) for entry in self._city["tiles"]} | {self._environment}
         names |= {self._record_of_far(number) for number in range(len(self._dealt))}
-        tasks = [Task(f"check {name}", self._store.committed, (name,)) for name in sorted(names)]
-        checked = self._steps.run("check", tasks)
-        return {name for name in names if checked[f"check {name}"].result is not None}
+        listed = sorted(names)
+        return {name for name, found in zip(listed, self._steps.committed(listed), strict=True) if found is not None}
 
     def _record_of(self, entry: dict[str, Any]) -> str:
         return f"{self._folder}/{entry['name']}/relit.json"

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from splat2mesh.base.arrays import Floats, Indices, Mask
+from splat2mesh.base.arrays import Floats, Mask
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.meshfile import mesh_from_ply_bytes
 from splat2mesh.scene.scene import Scene
@@ -182,7 +182,8 @@ class TileNeighborhood:
         own = part.holds(mesh.vertices[:, [0, 2]])
         chosen = _within(mesh, box) | own[mesh.faces].any(axis=1)
         rows = np.unique(np.concatenate([mesh.faces[chosen].ravel(), np.flatnonzero(own)]))
-        near = [_of_rows(mesh, rows, chosen)]
+        faces = np.searchsorted(rows, mesh.faces[chosen]).astype(np.int32).reshape(-1, 3)
+        near = [Mesh(mesh.vertices[rows], mesh.normals[rows], faces, mesh.colors_srgb[rows])]
         near += [each for each in (_part(mesh, box, inside=True) for mesh in self._near) if len(each.faces)]
         far = [each for each in (_part(mesh, box, inside=False) for mesh in self._far) if len(each.faces)]
         chunks = [*near, *joined_meshes(far)]
@@ -206,10 +207,4 @@ def _within(mesh: Mesh, box: Floats) -> Mask:
 def _part(mesh: Mesh, box: Floats, inside: bool) -> Mesh:
     """The faces of a Mesh whose middles lie in a box of x and z, or the other faces."""
     chosen = _within(mesh, box) == inside
-    return mesh if chosen.all() else _of_rows(mesh, np.unique(mesh.faces[chosen]), chosen)
-
-
-def _of_rows(mesh: Mesh, rows: Indices, chosen: Mask) -> Mesh:
-    """The chosen faces of a Mesh, (F,) bool, with the vertices of rows (N,), sorted, which include theirs."""
-    faces = np.searchsorted(rows, mesh.faces[chosen]).astype(np.int32).reshape(-1, 3)
-    return Mesh(mesh.vertices[rows], mesh.normals[rows], faces, mesh.colors_srgb[rows])
+    return mesh if chosen.all() else mesh.of_faces(chosen)

@@ -3,7 +3,7 @@ the whole city, coarse."""
 
 from functools import lru_cache
 from hashlib import sha256
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,15 +93,8 @@ def joined_meshes(meshes: list[Mesh]) -> list[Mesh]:
     """Meshes as a list of one, or of none."""
     if not meshes:
         return []
-    starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes[:-1])])
-    return [
-        Mesh(
-            np.concatenate([mesh.vertices for mesh in meshes]),
-            np.concatenate([mesh.normals for mesh in meshes]),
-            np.concatenate([mesh.faces + start for mesh, start in zip(meshes, starts, strict=True)]).astype(np.int32),
-            np.concatenate([mesh.colors_srgb for mesh in meshes]),
-        )
-    ]
+    whole = Scene(meshes)
+    return [Mesh(whole.vertices, whole.normals, whole.faces, whole.colors_srgb)]
 
 
 def write_sky(store: Store, folder: str, sky: Environment) -> None:
@@ -117,13 +110,10 @@ def read_sky(store: Store, folder: str) -> Environment:
 def write_shared(store: Store, folder: str, shared: Shared) -> str:
     """Store the lights of a Shared; return their key."""
     arrays: dict[str, Any] = {"exposure": shared.exposure, **_sky_arrays(shared.sky)}
-    if shared.capture is not None and shared.prior is not None:
-        arrays |= {"capture": shared.capture.radiance}
-        arrays |= {"prior_albedo": shared.prior.albedo, "prior_irradiance": shared.prior.irradiance}
-    if shared.usual is not None:
-        arrays |= {f"usual_{name}": value for name, value in shared.usual._asdict().items()}
-    if shared.background is not None:
-        arrays |= {f"background_{name}": value for name, value in shared.background.arrays().items()}
+    if shared.capture is not None:
+        arrays["capture"] = shared.capture.radiance
+    for name in ("prior", "usual", "background"):
+        arrays |= flat(name, getattr(shared, name))
     if shared.mixture is not None:
         arrays |= shared.mixture.arrays()
     data = bytes_of_arrays(**arrays)
@@ -149,11 +139,27 @@ def _read_shared(root: str, folder: str, key: str) -> Shared:
     kept = arrays_of(store.read_unchanged(f"{folder}/{LIGHT}", key))
     shared = coarse_city(store, _sky_from(kept))
     if "capture" in kept:
-        prior = Prior(kept["prior_albedo"], kept["prior_irradiance"])
-        shared = shared._replace(capture=Environment(kept["capture"], "the capture"), prior=prior)
+        shared = shared._replace(capture=Environment(kept["capture"], "the capture"))
     return shared._replace(
         exposure=float(kept["exposure"]),
-        usual=Usual(*(kept[f"usual_{name}"] for name in Usual._fields)) if "usual_soft" in kept else None,
-        background=Background.from_arrays({name.removeprefix("background_"): kept[name] for name in kept}),
+        prior=restored(Prior, "prior", kept),
+        usual=restored(Usual, "usual", kept),
+        background=restored(Background, "background", kept),
         mixture=CityMixture.from_arrays(kept),
     )
+
+
+def flat(name: str, value: Any) -> dict[str, Any]:
+    """The arrays of a NamedTuple, of those in it too, by name; none of None."""
+    if not hasattr(value, "_asdict"):
+        return {} if value is None else {name: value}
+    parts = [flat(f"{name}_{field}", each) for field, each in value._asdict().items()]
+    return {key: array for part in parts for key, array in part.items()}
+
+
+def restored(kind: Any, name: str, kept: dict[str, Any]) -> Any:
+    """The NamedTuple of a kind that `flat` took apart; None without its arrays."""
+    if not hasattr(kind, "_fields"):
+        return kept.get(name)
+    parts = [restored(each, f"{name}_{field}", kept) for field, each in get_type_hints(kind).items()]
+    return kind(*parts) if any(part is not None for part in parts) else None

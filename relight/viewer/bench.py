@@ -70,11 +70,6 @@ class Bench(Generic[Asked, Found]):
         """Why what is wanted cannot be answered, or ""."""
         return self._failed[1] if self._failed is not None and self._failed[0] == self._wanted() else ""
 
-    @property
-    def busy(self) -> bool:
-        """Whether an answer is under way."""
-        return bool(self._running)
-
     def submit(self, work: Callable[[], Made]) -> "Future[Made]":
         """Do other work in the thread of exact answers."""
         return self._pools[True].submit(work)

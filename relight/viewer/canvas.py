@@ -96,13 +96,6 @@ class Canvas:
         self._written: list[tuple] = []
         self.clear(1.0)
 
-    def hide(self) -> None:
-        """Hide it until `show` is called again."""
-        self._shapes.VisibilityOff()
-        for actor, _ in self._texts:
-            actor.VisibilityOff()
-        self._drawn = None
-
     def clear(self, scale: float) -> None:
         """Restart with a unit of this many pixels."""
         self._rectangles, self._written, self.scale = [], [], scale
@@ -137,7 +130,6 @@ class Canvas:
         if drawing == self._drawn:
             return False
         self._drawn = drawing
-        self._shapes.VisibilityOn()
         self._points.Reset()
         self._quads.Reset()
         self._colors.Reset()

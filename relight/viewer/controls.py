@@ -106,10 +106,6 @@ def _has(name: str) -> Callable[["Session"], bool]:
     return lambda session: getattr(session, name) is not None
 
 
-def _can_undo(session: "Session") -> bool:
-    return session.timeline.kept
-
-
 def _mixes(session: "Session") -> bool:
     return session.lamps is not None and (session.uses("lamps") or session.mixture is not None)
 
@@ -124,10 +120,6 @@ def _uses(tool: str) -> Callable[["Session"], bool]:
 
 
 _by_hand, _parting = _uses("hand"), _uses("parts")
-
-
-def _dims_lamps(session: "Session") -> bool:
-    return session.has_lamps
 
 
 def _hand_slider(name: str, text: str, show: Callable[[float], str]) -> Slider:
@@ -174,14 +166,15 @@ CONTROLS = (
     Control("g", "mesh or splat", _toggle("mesh"), lambda s: "mesh", "choices",
             lambda s: s.state.mesh, _has("splats")),
     Control("l", "captured lamps off, on", _change(lamps=lambda s: float(s.lamps == 0.0)), lambda s: "lamps", "choices",
-            lambda s: s.state.lamps > 0.0, _dims_lamps),
+            lambda s: s.state.lamps > 0.0, lambda session: session.has_lamps),
     Control("t", "lamps: click adds one, drag moves it", lambda window: window.mouse.lamps.toggle(),
             lambda s: "add lamps", "choices", _uses("lamps"), _has("lamps")),
     Control("c", "next colour of the lamp", lambda window: window.mouse.lamps.next_color(), there=_has("lamps")),
     Control("d", "delete the lamp", lambda window: window.mouse.lamps.remove(), there=_has("lamps")),
     Control("z", "undo a change of lamps, objects or a part", lambda window: window.mouse.lamps.step_back(),
-            there=_can_undo),
-    Control("y", "redo", lambda window: window.mouse.lamps.step_back(again=True), there=_can_undo),
+            there=lambda session: session.timeline.kept),
+    Control("y", "redo", lambda window: window.mouse.lamps.step_back(again=True),
+            there=lambda session: session.timeline.kept),
     Control("j", "save the lamps as lamps.json", lambda window: window.mouse.lamps.save(), there=_has("lamps")),
     Control("6", "objects: drag moves one, with shift up and down", lambda window: window.mouse.objects.toggle(),
             lambda s: "move objects", "choices", _uses("objects"), _has("objects")),
@@ -222,7 +215,7 @@ SLIDERS = (
     Slider("angle_deg", "Light", lambda value: f"{value:.0f}\N{DEGREE SIGN}"),
     Slider("exposure_ev", "Exposure", lambda value: f"{value:+.2f} EV"),
     Slider("tolerance", "Tolerance", lambda value: f"{100 * value:.2g} %", True),
-    Slider("lamps", "Lamps", lambda value: f"x {value:.2f}", there=_dims_lamps),
+    Slider("lamps", "Lamps", lambda value: f"x {value:.2f}", there=lambda session: session.has_lamps),
     Slider("captured", "Captured", lambda value: f"x {value:.2f}", there=_mixes,
            read=lambda session: session.lamps.state.captured if session.lamps else 1.0,
            write=lambda window, value: window.mouse.lamps.dim_to(value)),

@@ -54,13 +54,13 @@ class HandTool(Tool):
         """As of Tool. It begins with the capture left of the line."""
         self.pointing, self._edge = False, None
         super().toggle()
-        if self._window.session.hand is not None:
-            self._window.session.hand.prepare()
+        if self.bench is not None:
+            self.bench.prepare()
             self._window.session.change(split=self.on)
 
     def next_light(self) -> None:
         """Begin with the next offered light."""
-        if self.on and self._bench.ready:
+        if self.on and self.bench.ready:
             self._window.session.set_hand(lambda bench: bench.choose(bench.number + 1))
 
     def ask(self) -> None:
@@ -103,7 +103,7 @@ class HandTool(Tool):
 
     def turn(self, right: float, up: float) -> None:
         """Move the sun by a drag in the picture, in heights of the window."""
-        hand = self._bench.hand
+        hand = self.bench.hand
         changes = {
             "azimuth_deg": hand.azimuth_deg - ORBIT_DEG * right,
             "height_deg": hand.height_deg + ORBIT_DEG / 2.0 * up,
@@ -116,17 +116,11 @@ class HandTool(Tool):
             return
 
         def keep() -> None:
-            path = self._bench.keep()
+            path = self.bench.keep()
             if path is not None:
                 self._window.note = f"kept in {path}: commands use it from now on"
 
         self.tried(keep)
-
-    @property
-    def _bench(self) -> HandBench:
-        bench = self._window.session.hand
-        assert bench is not None
-        return bench
 
 
 def place_on_map(azimuth_deg: float, height_deg: float) -> tuple[float, float]:

@@ -11,7 +11,7 @@ from splat2mesh.base.arrays import Triple
 from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
 
 from ..lamps.color import TEMPERATURES, parse_color
-from .lamp_board import LampBoard, bulb_at, place_of
+from .lamp_board import bulb_at, place_of
 from .pointing import Tool, WindowView
 from .recording import free_name
 
@@ -64,7 +64,7 @@ class LampTool(Tool):
         """The lamps in view, while clicks add lamps."""
         if not self.on:
             return []
-        found, board = [], self._board
+        found, board = [], self.bench
         for number, asked in board.state.lamps:
             place = self._seen_at(self.in_scene(place_of(asked)))
             if place is not None:
@@ -87,13 +87,13 @@ class LampTool(Tool):
         place, normal = hit
         off = min(OFF_M * self._metre, self._free(place, normal) / 2.0)
         asked = bulb_at(self.in_splat(place + off * normal))
-        self._do(lambda: self._board.add(asked))
+        self._do(lambda: self.bench.add(asked))
 
     def grip(self, hot: "HotArea | None", x: float, y: float) -> bool:
         """Start to drag the lamp of a mark, and select it."""
         if hot is None or hot.lamp is None:
             return False
-        number, board = hot.lamp, self._board
+        number, board = hot.lamp, self.bench
         board.select(number)
         board.timeline.end_merge()
         at = self.in_scene(place_of(board.asked(number)))
@@ -110,7 +110,7 @@ class LampTool(Tool):
 
     def drag(self, x: float, y: float, shift: bool) -> None:
         """Move the dragged lamp to a pixel: along the surfaces, or with shift in the plane of the picture."""
-        grip, board = self._grip, self._board
+        grip, board = self._grip, self.bench
         if grip is None or board.state.of(grip.number) is None:
             return
         hit = None if shift or grip.base is None else self.surface_at(x + grip.base[0], y + grip.base[1])
@@ -126,23 +126,23 @@ class LampTool(Tool):
         """Give the selected lamp the next colour."""
         number = self._selected()
         if number is not None:
-            now, colors = self._board.asked(number).color, [parse_color(name) for name in COLORS]
+            now, colors = self.bench.asked(number).color, [parse_color(name) for name in COLORS]
             name = COLORS[(colors.index(now) + 1) % len(COLORS)] if now in colors else COLORS[0]
-            self._do(lambda: self._board.change(number, color=name))
+            self._do(lambda: self.bench.change(number, color=name))
 
     def remove(self) -> None:
         """Remove the selected lamp."""
         number = self._selected()
         if number is not None:
-            self._do(lambda: self._board.remove(number))
+            self._do(lambda: self.bench.remove(number))
 
     def dim_to(self, factor: float) -> None:
         """Set the factor on the captured light, by a slider."""
-        self._do(lambda: self._board.dim(factor, merge="captured"))
+        self._do(lambda: self.bench.dim(factor, merge="captured"))
 
     def brighten_to(self, value: float) -> None:
         """Set the brightness of the selected lamp in EV, by a slider."""
-        self._do(lambda: self._board.set_selected_ev(value))
+        self._do(lambda: self.bench.set_selected_ev(value))
 
     def step_back(self, again: bool = False) -> None:
         """Undo or redo; show a message if there is nothing."""
@@ -155,7 +155,7 @@ class LampTool(Tool):
 
     def save(self, path: "Path | str | None" = None) -> None:
         """Save the lamps, by default to the file of the last save, else under the first free name in this folder."""
-        board = self._window.session.lamps
+        board = self.bench
         if board is None:
             self._window.note = "the lamps of this session cannot be changed: open it by relight SCENE --view"
             return
@@ -169,7 +169,7 @@ class LampTool(Tool):
 
     def leave(self) -> None:
         """Save unsaved changes made with the mouse."""
-        board = self._window.session.lamps
+        board = self.bench
         if self._used and board is not None and board.unsaved and board.state.lamps:
             self.save()
 
@@ -178,19 +178,13 @@ class LampTool(Tool):
         self.tried(change)
 
     def _selected(self) -> int | None:
-        board = self._window.session.lamps
+        board = self.bench
         number = None if board is None else board.selected
         if number is None:
             self._window.note = "no lamp is selected: press t, then click a lamp"
         return number
 
     # Positions: pixels, the frame of the scene, the frame of the splat
-
-    @property
-    def _board(self) -> LampBoard:
-        board = self._window.session.lamps
-        assert board is not None  # or no lamp can be reached
-        return board
 
     @property
     def _source(self) -> "LampSource":

@@ -9,7 +9,6 @@ from .pointing import Tool, WindowView
 
 if TYPE_CHECKING:
     from .canvas import HotArea
-    from .object_bench import ObjectBench
 
 
 class ObjectGrip(NamedTuple):
@@ -40,7 +39,7 @@ class ObjectTool(Tool):
 
     def grip(self, hot: "HotArea | None", x: float, y: float) -> bool:
         """Start to drag the object at a pixel."""
-        bench = self._bench
+        bench = self.bench
         if hot is not None or not self.on or bench is None or bench.shown is None:
             return False
         standing = bench.shown.result.standing
@@ -61,7 +60,7 @@ class ObjectTool(Tool):
 
     def drag(self, x: float, y: float, shift: bool) -> None:
         """Move the dragged object to a pixel: at the height of the gripped point, or with shift up and down."""
-        grip, bench = self._grip, self._bench
+        grip, bench = self._grip, self.bench
         if grip is None or bench is None:
             return
         if shift:
@@ -85,28 +84,21 @@ class ObjectTool(Tool):
 
     def turn(self, angle_deg: float) -> None:
         """Turn the selected object about the vertical, counter-clockwise from above."""
-        bench = self._bench
+        bench = self.bench
         if bench is not None:
             asked = bench.placed[self.selected]
             self._put(self.selected, asked.at, (asked.turn_deg + angle_deg) % 360.0)
             self._tell(self.selected)
 
-    @property
-    def _bench(self) -> "ObjectBench | None":
-        return self._window.session.objects
-
     def _put(
         self, number: int, at: tuple[float, float, float], turn_deg: float | None = None, lifted: bool = False
     ) -> None:
         merge = ("drag", number) if self.holds else None
-        bench = self._bench
-        assert bench is not None
-        self.tried(lambda: bench.put(number, at, turn_deg, lifted, merge))
+        self.tried(lambda: self.bench.put(number, at, turn_deg, lifted, merge))
 
     def _tell(self, number: int) -> None:
         """Show the options that place the object at its present pose."""
-        assert self._bench is not None
-        asked = self._bench.placed[number]
+        asked = self.bench.placed[number]
         at = ",".join(f"{each:.4g}" for each in asked.at)
         on = f" --on {asked.on}" if asked.on else ""
         turn = f" --turn {asked.turn_deg:g}" if asked.turn_deg else ""

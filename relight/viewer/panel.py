@@ -1,7 +1,7 @@
 """The text on the window: buttons, sliders, figures and help, redrawn when one of them changes."""
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -50,16 +50,6 @@ def bars_of(size: tuple[int, int]) -> tuple[float, float]:
     return scale * TOP / size[1], scale * BOTTOM / size[1]
 
 
-class OfWindow(NamedTuple):
-    """What a window shows of its own. note: a line. marks: of lamps."""
-
-    note: str = ""
-    marks: "Sequence[Mark]" = ()
-
-
-NOTHING = OfWindow()
-
-
 class Panel:
     """All text over the scene.
 
@@ -75,13 +65,16 @@ class Panel:
         """Where each text stands: dict of (text, x, y) -> (left, bottom, width, height) in pixels, as drawn."""
         return self._canvas.boxes
 
-    def hide(self) -> None:
-        """Hide it until `draw` is called again."""
-        self._canvas.hide()
-
-    def draw(self, session: "Session", size: tuple[int, int], own: OfWindow = NOTHING, bare: bool = False) -> bool:
-        """Update the panel; return whether it changed. size: width, height of the window. bare: nothing but the split
-        line."""
+    def draw(
+        self,
+        session: "Session",
+        size: tuple[int, int],
+        note: str = "",
+        marks: "Sequence[Mark]" = (),
+        bare: bool = False,
+    ) -> bool:
+        """Update the panel; return whether it changed. size: width, height of the window. note: a line of its own.
+        marks: of lamps. bare: nothing but the split line."""
         panel = session.state.panel and not bare
         self.hot = []
         width, height = size
@@ -91,10 +84,10 @@ class Panel:
         if session.state.split:
             self._split(session, units, panel)
         if panel:
-            for mark in own.marks:
+            for mark in marks:
                 self._mark(mark)
             self._top(session, units)
-            self._bottom(session, units, own.note)
+            self._bottom(session, units, note)
             if session.state.help:
                 self._help(session, units)
             elif session.uses("hand") and session.hand is not None:

@@ -1,6 +1,5 @@
 """Parts of the capture under the mouse: a click on a surface grows one, a slider says how far, a key keeps it."""
 
-from .part_bench import PartBench
 from .pointing import Tool
 
 CLICK = "click what belongs to the part"
@@ -22,17 +21,17 @@ class PartTool(Tool):
         if hit is None:
             self._window.note = f"no surface there: {CLICK}"
             return
-        self.tried(lambda: self._bench.add(self.in_splat(hit[0])))
+        self.tried(lambda: self.bench.add(self.in_splat(hit[0])))
         self._tell()
 
     def reach_to(self, reach: float) -> None:
         """Set how far the part reaches."""
-        self._bench.reach_to(reach)
+        self.bench.reach_to(reach)
         self._tell()
 
     def light_to(self, name: str, value: float) -> None:
         """Set a field of the light of the part."""
-        self._bench.light_to(name, value)
+        self.bench.light_to(name, value)
         self._tell()
 
     def keep(self) -> None:
@@ -41,19 +40,13 @@ class PartTool(Tool):
             return
 
         def keep() -> None:
-            option = "--part" if self._bench.made.light else "--only"
-            name, folder = self._bench.keep()
+            option = "--part" if self.bench.made.light else "--only"
+            name, folder = self.bench.keep()
             self._window.note = f"kept as {name}: relight {folder} {option} {name}"
 
         self.tried(keep)
 
     def _tell(self) -> None:
-        if self._bench.clicks:
-            count = int(self._bench.splats.sum())
+        if self.bench.clicks:
+            count = int(self.bench.splats.sum())
             self._window.note = f"{count:,} splats in the part: click to add, z takes back, Return keeps it"
-
-    @property
-    def _bench(self) -> PartBench:
-        bench = self._window.session.parts
-        assert bench is not None
-        return bench

@@ -69,6 +69,11 @@ class Tool:
         self.holds = False
 
     @property
+    def bench(self) -> Any:
+        """What it changes: the session's of that name. None without one."""
+        return getattr(self._window.session, self.name)
+
+    @property
     def on(self) -> bool:
         """Whether the mouse acts on it."""
         return self._window.session.uses(self.name)
@@ -80,9 +85,8 @@ class Tool:
 
     def toggle(self) -> None:
         """Start or stop to use it."""
-        session = self._window.session
-        if getattr(session, self.name) is not None:
-            session.change(tool="" if self.on else self.name)
+        if self.bench is not None:
+            self._window.session.change(tool="" if self.on else self.name)
 
     def grip(self, hot: "HotArea | None", x: float, y: float) -> bool:
         """Take a press at a pixel, on a hot area or none, to drag something; return whether it is for this tool."""

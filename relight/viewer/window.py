@@ -23,7 +23,7 @@ from .controls import CONTROLS
 from .ground import StandingGround
 from .modes import surface_colors
 from .mouse import Mouse
-from .panel import OfWindow, Panel, bars_of
+from .panel import Panel, bars_of
 from .recording import Recording, free_name
 from .request import Turntable
 from .session import Session
@@ -265,8 +265,7 @@ class Window:
         self.plotter.render_window.Render()
 
     def _draw_panel(self, bare: bool = False) -> bool:
-        own = OfWindow(self.note, self.mouse.lamps.marks())
-        return self.panel.draw(self.session, self.size, own, bare)
+        return self.panel.draw(self.session, self.size, self.note, self.mouse.lamps.marks(), bare)
 
     def _draw_scene(self, rests: bool, wait: bool = False) -> None:
         """Draw the scene: smooth at rest, coarse while the camera moves. wait: for splats to be bound and fitted."""

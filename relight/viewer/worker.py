@@ -20,6 +20,7 @@ from typing import IO, Any
 
 from splat2mesh.base.compiling import allow_read_only_install
 from splat2mesh.base.errors import DataWarning, InputError
+from splat2mesh.base.progress import Stages
 
 from .lighting import LightWish, SessionLighting, SessionScene, keys
 
@@ -40,21 +41,21 @@ def in_words(error: BaseException) -> str:
     return str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
 
 
-class ReportedStages:
-    """The stages of an answer: like `base.progress.Stages`, but each advance is reported and may end the answer.
+class ReportedStages(Stages):
+    """The stages of an answer, each advance of which is reported and may end the answer.
 
     report(label, fraction): called now and then, fraction in 0..1 or None where the length is unknown.
     check(): called at every advance; may raise `Superseded`.
     """
 
     def __init__(self, report: Callable[..., None], check: Callable[[], None]) -> None:
-        self.seconds: dict[str, float] = {}
+        super().__init__()
         self._report, self._check, self._last = report, check, 0.0
 
     @contextmanager
     def stage(self, label: str, total: int | None = None) -> Iterator[Callable[..., None]]:
         """Run one stage; yields `advance(count=1)`, as `Stages.stage` does."""
-        start, done = time.perf_counter(), 0
+        done = 0
         self._report(label, 0.0 if total else None)
 
         def advance(count: int = 1) -> None:
@@ -65,8 +66,8 @@ class ReportedStages:
                 self._last = time.perf_counter()
                 self._report(label, min(done / total, 1.0))
 
-        yield advance
-        self.seconds[label] = self.seconds.get(label, 0.0) + time.perf_counter() - start
+        with super().stage(label, total):
+            yield advance
 
 
 def worker_command() -> list[str]:

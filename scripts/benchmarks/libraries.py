@@ -63,7 +63,6 @@ def run(options, report):
     if not options.quick:
         _packages(report)
         _harmonics(report)
-        _codebook(report)
 
 
 def _readers():
@@ -160,23 +159,6 @@ def _harmonics(report):
         degree = bands - 1
         zonal = np.abs(ours[:, degree * (degree + 1)] - scipys[degree, 0].real).max()
         table.add(bands=bands, ours_ms=1e3 * seconds, scipy_ms=1e3 * slower, difference=zonal)
-
-
-def _codebook(report):
-    from scipy.cluster.vq import kmeans2
-
-    from splat2mesh.splats.formats.sog_writing import ENTRIES, ROUNDS, _coded
-
-    table = report.table("codebooks of 256", values="d", ours_s=".3f", scipy_s=".3f", ours_rms=".4f", scipy_rms=".4f")
-    for count in (30_000, 300_000):
-        values = np.random.default_rng(0).normal(size=count)
-        (book, code), seconds = _timed(lambda values=values: _coded(values))
-        start = np.quantile(values, (np.arange(ENTRIES) + 0.5) / ENTRIES)[:, None]
-        (centres, label), slower = _timed(
-            lambda values=values, start=start: kmeans2(values[:, None], start, ROUNDS, minit="matrix")
-        )
-        errors = [np.sqrt(np.mean((found - values) ** 2)) for found in (np.array(book)[code], centres[label, 0])]
-        table.add(values=count, ours_s=seconds, scipy_s=slower, ours_rms=errors[0], scipy_rms=errors[1])
 
 
 def _timed(work):

@@ -96,6 +96,17 @@ def global_matrices(transforms: list[dict], order: list[int], parent: NDArray) -
     return result
 
 
+def for_normals(matrices: NDArray) -> NDArray:
+    """Matrices (..., 3, 3) that turn normals where (..., 4, 4) move points, up to a positive factor.
+
+    The inverse transpose times the absolute determinant, which also exists for a matrix that flattens to a plane.
+    """
+    a, b, c = (matrices[..., :3, column] for column in range(3))
+    cofactors = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=-1)
+    sign = np.where(np.einsum("...i,...i->...", a, np.cross(b, c)) < 0, -1.0, 1.0)
+    return cofactors * sign[..., None, None]
+
+
 def matrix_from_trs(translation: NDArray, quat_xyzw: NDArray, scale: NDArray) -> NDArray:
     """Return the matrix that scales, then rotates, then moves. translation: (3,). quat_xyzw: (4,), of any length.
     scale: (3,). Returns (4, 4) float64."""

@@ -27,11 +27,6 @@ def workspace_of(path: Path) -> Path:
     return path.with_name(f".{path.name}{SUFFIX}")
 
 
-def _target(workspace: Path) -> Path:
-    """The output that a temporary path is of."""
-    return workspace.with_name(workspace.name[1 : -len(SUFFIX)])
-
-
 def claim(workspace: Path) -> int:
     """Make the folder and lock it, empty.
 
@@ -120,7 +115,7 @@ def _clean(workspace: Path) -> None:
 
 def _restore(workspace: Path) -> Path | None:
     """Put a previous output back where nothing stands in its place: its path, or None."""
-    target = _target(workspace)
+    target = workspace.with_name(workspace.name[1 : -len(SUFFIX)])
     if os.path.lexists(target) or not os.path.lexists(workspace / OLD):
         return None
     (workspace / OLD).rename(target)

@@ -9,7 +9,7 @@ import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from functools import lru_cache, wraps
+from functools import lru_cache, partial, wraps
 from itertools import pairwise
 from typing import Any
 
@@ -40,12 +40,7 @@ def shared(kernel: Callable) -> Callable:
     The kernel runs over the items 0..count, in order, a part of them in each thread; so the result of an item must not
     depend on the others, and the bits do not depend on the number of threads.
     """
-
-    @wraps(kernel)
-    def loop(count: int, *arrays: Any) -> None:
-        over(kernel, _spans(count), *arrays)
-
-    return loop
+    return wraps(kernel)(partial(in_slices, kernel))
 
 
 def in_slices(kernel: Callable, count: int, *arrays: Any) -> None:

@@ -2,16 +2,16 @@
 
 import os
 import warnings
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..base.errors import DataWarning, InputError
-from .mesh import Mesh, vertex_normals
+from .mesh import Mesh
+from .meshfile import checked_mesh
 from .scene import Scene
-from .surfaces import FAR, centred, check_corners, frame_from_own, too_far
+from .surfaces import FAR, UncheckedMesh, centred, frame_from_own, too_far
 
 if TYPE_CHECKING:
     import open3d
@@ -36,7 +36,7 @@ def as_scene(source: AnyScene) -> Scene:
     if isinstance(source, (str, os.PathLike)):
         return Scene.load(source)
     if isinstance(source, Mesh):
-        return _near(np.asarray(source.vertices), source)
+        return _scene(source.vertices, source.faces, source.normals, source.colors_srgb, source)
     faces = getattr(source, "faces", getattr(source, "triangles", None))
     if faces is None or not hasattr(source, "vertices"):
         kind = f"{type(source).__module__}.{type(source).__qualname__}"
@@ -47,48 +47,37 @@ def as_scene(source: AnyScene) -> Scene:
     )
 
 
-def _scene(vertices: Any, faces: Any, normals: Any, colors: Any) -> Scene:
-    """The Scene of (V, 3) vertices, (F, 3) faces, (V, 3) normals or None, (V, 3 or 4) colours, bytes or 0..1, or None.
-    Raises InputError for arrays of another shape, values that are not finite and faces beyond the vertices."""
+def _scene(vertices: Any, faces: Any, normals: Any, colors: Any, mesh: Mesh | None = None) -> Scene:
+    """The Scene of (V, 3) vertices, (F, 3) faces, (V, 3) normals or None, (V, 3 or 4) colours, bytes or 0..1, or None;
+    at the origin where float32 would lose it. mesh: that they are of, which stays as it is where nothing is moved, and
+    is refused where it is lit. Raises InputError for arrays of another shape and for what `checked_mesh` refuses."""
     vertices, faces = np.asarray(vertices), np.asarray(faces)
-    if vertices.ndim != 2 or vertices.shape[1] != 3 or faces.ndim != 2 or faces.shape[1] != 3 or not len(faces):
-        raise InputError(f"expected a triangle mesh, found vertices {vertices.shape} and faces {faces.shape}")
-    bad = np.count_nonzero(~np.isfinite(vertices).all(axis=1))
-    if bad:
-        raise InputError(f"{bad} of {len(vertices)} vertices are not finite; repair the mesh first")
-    if faces.min() < 0 or faces.max() >= len(vertices):
-        raise InputError(f"a face names a vertex beyond the {len(vertices)} there are")
-    faces = faces.astype(np.int32)
-    if normals is None or np.shape(normals) != vertices.shape:
-        normals = vertex_normals(vertices, faces)
-    colors_srgb = _color_bytes(colors, len(vertices))
-    return _near(vertices, Mesh(vertices.astype(np.float32), np.asarray(normals, np.float32), faces, colors_srgb))
-
-
-def _near(vertices: NDArray[Any], mesh: Mesh) -> Scene:
-    """The Scene of a mesh with vertices (V, 3) as they came, at the origin where float32 would lose it."""
-    if vertices.ndim != 2 or vertices.shape[1] != 3:
-        return Scene([mesh])  # which is refused where it is lit
-    points, moved = centred(vertices.astype(np.float64))
-    if moved is None:
+    shaped = vertices.ndim == faces.ndim == 2 and vertices.shape[1] == faces.shape[1] == 3 and len(faces)
+    points, moved = centred(vertices.astype(np.float64)) if shaped else (vertices, None)
+    if mesh is not None and moved is None:
         return Scene([mesh])
-    check_corners(mesh.faces, len(points), "a mesh")
-    stored = vertices if vertices.dtype.kind == "f" else points
-    lost, rounding = "", float(np.spacing(np.nanmax(np.abs(stored))))
-    edges = points[mesh.faces] - points[np.roll(mesh.faces, 1, axis=1)]
-    edge = float(np.median(np.linalg.norm(edges, axis=2))) if len(edges) else 0.0
-    if rounding > FAR * edge:
-        part = f", {rounding / edge:.1%} of its median edge" if edge > 0.0 else ""
-        lost = f". It came rounded to {rounding:.3g}{part}: make it of float64, or near the origin"
-    warnings.warn(f"a mesh: {too_far(moved)}{lost}", DataWarning, stacklevel=4)
-    return Scene([replace(mesh, vertices=points.astype(np.float32))], scene_from_splat=frame_from_own(moved))
+    if not shaped:
+        raise InputError(f"expected a triangle mesh, found vertices {vertices.shape} and faces {faces.shape}")
+    normals = normals if np.shape(normals) == vertices.shape else None
+    found = checked_mesh(UncheckedMesh(points, faces, normals, _colors(colors, len(vertices))), "a mesh")
+    if moved is not None:
+        warnings.warn(f"a mesh: {too_far(moved)}{_lost(vertices, points, found.faces)}", DataWarning, stacklevel=4)
+    return Scene([found], scene_from_splat=frame_from_own(moved))
 
 
-def _color_bytes(colors: Any, count: int) -> NDArray[np.uint8]:
-    """(V, 3) uint8 sRGB of colours as libraries keep them; white where there is not one for each vertex."""
+def _lost(vertices: NDArray[Any], points: NDArray[np.float64], faces: NDArray[np.int32]) -> str:
+    """What a warning says of vertices (V, 3) that came too coarse for their edges; points: the same at the origin."""
+    rounding = float(np.spacing(np.abs(vertices if vertices.dtype.kind == "f" else points).max()))
+    edge = float(np.median(np.linalg.norm(points[faces] - points[np.roll(faces, 1, axis=1)], axis=2)))
+    if rounding <= FAR * edge:
+        return ""
+    part = f", {rounding / edge:.1%} of its median edge" if edge > 0.0 else ""
+    return f". It came rounded to {rounding:.3g}{part}: make it of float64, or near the origin"
+
+
+def _colors(colors: Any, count: int) -> NDArray[Any] | None:
+    """(V, 3) sRGB in 0..1 of colours as libraries keep them; None where there is not one for each vertex."""
     colors = None if colors is None else np.asarray(colors)
     if colors is None or colors.ndim != 2 or len(colors) != count or colors.shape[1] not in (3, 4):
-        return np.full((count, 3), 255, np.uint8)
-    if colors.dtype.kind == "f":
-        return np.round(np.clip(colors[:, :3], 0.0, 1.0) * 255.0).astype(np.uint8)
-    return colors[:, :3].astype(np.uint8)
+        return None
+    return colors[:, :3] / (1.0 if colors.dtype.kind == "f" else 255.0)

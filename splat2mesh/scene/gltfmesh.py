@@ -8,10 +8,11 @@ from numpy.typing import NDArray
 
 from ..base.errors import InputError
 from ..base.gltf import FREE_CORNERS, MODES, TRIANGLES, GltfData, entry, triangles, warn_skipped
-from ..base.gltfnodes import instances, shown_nodes
+from ..base.gltfnodes import for_normals, instances, shown_nodes
 from ..base.inputs import reading
 from .color import srgb_from_linear
 from .gltftextures import Textures
+from .mesh import unit
 from .surfaces import UncheckedMesh, centred, joined
 
 
@@ -25,6 +26,29 @@ class Piece(NamedTuple):
     held: dict[str, NDArray]
     mirrored: bool
     node: int = -1
+
+
+class Primitive(NamedTuple):
+    """A primitive of a node, in the frame of its mesh. source: its JSON. node: its number. matrix: (4, 4)
+    world_from_node at rest. copies: (I, 4, 4) node_from_copy. The others as of a Piece; points (N, 3) float64."""
+
+    source: Any
+    material: int | None
+    faces: NDArray
+    points: NDArray
+    held: dict[str, NDArray]
+    node: int
+    matrix: NDArray
+    copies: NDArray
+
+    def placed(self, copy: NDArray) -> Piece:
+        """One of its copies where the node places it."""
+        matrix, held = self.matrix @ copy, self.held
+        turn = matrix[:3, :3]
+        if "NORMAL" in held:
+            held = held | {"NORMAL": unit(held["NORMAL"] @ for_normals(matrix).T)}
+        points, mirrored = self.points @ turn.T + matrix[:3, 3], bool(np.linalg.det(turn) < 0.0)
+        return Piece(self.material, self.faces, points, held, mirrored, self.node)
 
 
 def read_gltf(path: str | os.PathLike[str], painted: bool = True) -> UncheckedMesh:
@@ -54,13 +78,13 @@ def _as_one(pieces: list[Piece], textures: Textures | None) -> UncheckedMesh:
     if all("NORMAL" in piece.held for piece in pieces):
         normals = np.concatenate([piece.held["NORMAL"] for piece in pieces])
     if textures is not None or any("COLOR_0" in piece.held for piece in pieces):
-        colors = srgb_from_linear(np.concatenate([_colors(piece, textures) for piece in pieces]))
+        colors = srgb_from_linear(np.concatenate([painted(piece, textures) for piece in pieces]))
     row, corner = joined(faces.reshape(-1), points, normals, colors)
     normals, colors = (None if values is None else values[row] for values in (normals, colors))
     return UncheckedMesh(points[row], corner.reshape(-1, 3), normals, colors, moved)
 
 
-def _colors(piece: Piece, textures: Textures | None) -> NDArray:
+def painted(piece: "Piece | Primitive", textures: Textures | None) -> NDArray:
     """(N, 3) linear: those of the vertices, times the base colour of the material where there are `textures`."""
     own = piece.held.get("COLOR_0")
     color = np.ones((len(piece.points), 3)) if own is None else np.clip(own[:, :3], 0.0, 1.0)
@@ -69,29 +93,34 @@ def _colors(piece: Piece, textures: Textures | None) -> NDArray:
 
 def placed_pieces(data: GltfData) -> list[Piece]:
     """Every primitive with triangles, where the nodes of the shown scene place it. Raises InputError without any."""
-    pieces, skipped, corners = [], 0, 0
+    return [each.placed(copy) for each in primitives(data) for copy in each.copies]
+
+
+def primitives(data: GltfData) -> list[Primitive]:
+    """Every primitive with triangles at each node of the shown scene, parents first. Raises InputError without any."""
+    found, skipped, corners = [], 0, 0
     most, known = max(FREE_CORNERS, data.size), {}
     for index, node, matrix in shown_nodes(data):
         if node.mesh is None:
             continue
         copies = instances(data, index)
-        for primitive in entry(data.document.meshes, node.mesh).primitives:
-            mode = TRIANGLES if primitive.mode is None else primitive.mode
-            if mode not in MODES or primitive.attributes.POSITION is None:
+        for source in entry(data.document.meshes, node.mesh).primitives:
+            mode = TRIANGLES if source.mode is None else source.mode
+            if mode not in MODES or source.attributes.POSITION is None:
                 skipped += 1
                 continue
-            if id(primitive) not in known:  # nodes may repeat it
-                known[id(primitive)] = _read(data, index, primitive, mode)
-            faces, local, held = known[id(primitive)]
-            corners += len(copies) * max(3 * len(faces), len(local))
+            if id(source) not in known:  # nodes may repeat it
+                known[id(source)] = _read(data, index, source, mode)
+            faces, points, held = known[id(source)]
+            corners += len(copies) * max(3 * len(faces), len(points))
             if corners > most:
                 raise InputError(f"{data.path}: its nodes repeat meshes to over {most:,} corners; export less of it")
-            placed = matrix @ copies if len(faces) else []
-            pieces += [_placed(primitive.material, faces, local, held, each)._replace(node=index) for each in placed]
+            if len(faces):
+                found.append(Primitive(source, source.material, faces, points, held, index, matrix, copies))
     warn_skipped(data.path, skipped, "sets of points or lines")
-    if not pieces:
+    if not found:
         raise InputError(f"{data.path}: holds no triangles; expected a triangle mesh")
-    return pieces
+    return found
 
 
 def _read(data: GltfData, index: int, primitive: Any, mode: int) -> tuple[NDArray, NDArray, dict[str, NDArray]]:
@@ -115,18 +144,3 @@ def _read(data: GltfData, index: int, primitive: Any, mode: int) -> tuple[NDArra
             raise InputError(f"{data.path}: {what} has {name} of shape {values.shape} for {count} vertices")
         held[name] = values
     return triangles(indices, mode), local, held
-
-
-def _placed(material: Any, faces: NDArray, local: NDArray, held: dict[str, NDArray], matrix: NDArray) -> Piece:
-    turn = matrix[:3, :3]
-    if "NORMAL" in held:
-        held = held | {"NORMAL": _turned(held["NORMAL"].astype(np.float64), turn)}
-    return Piece(material, faces, local @ turn.T + matrix[:3, 3], held, bool(np.linalg.det(turn) < 0.0))
-
-
-def _turned(normals: NDArray, turn: NDArray) -> NDArray:
-    """Normals under a matrix that may stretch: by its cofactors, which exist where the inverse does not."""
-    cofactors = np.stack([np.cross(turn[:, i - 2], turn[:, i - 1]) for i in range(3)], axis=1)
-    turned = normals @ cofactors.T * (-1.0 if np.linalg.det(turn) < 0.0 else 1.0)
-    length = np.linalg.norm(turned, axis=1, keepdims=True)
-    return np.divide(turned, length, out=np.zeros_like(turned), where=length > 0)

@@ -5,8 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..base.meshlibrary import open3d
-
 DEGENERATE_LENGTH = 1e-6
 """A normal shorter than this (files store them with length 1) carries no direction."""
 
@@ -72,21 +70,46 @@ def halved(faces: NDArray, chosen: NDArray, count: int) -> tuple[NDArray[np.int6
 
 
 def vertex_normals(points: ArrayLike, faces: ArrayLike) -> NDArray[np.float32]:
-    """Compute normals as open3d takes them: the mean of the normals of the faces around.
+    """`normals_of` in single precision: (V, 3) float32."""
+    return normals_of(points, faces).astype(np.float32)
 
-    points: (V, 3). faces: (F, 3) integers. Returns (V, 3) float32: unit. Where those of the faces cancel, as on the
-    edge of a sheet of two sides, that of the largest face; +y without any.
+
+def normals_of(points: ArrayLike, faces: ArrayLike) -> NDArray[np.float64]:
+    """Compute the normals of the faces around each vertex, by area, summed in the order of the faces.
+
+    points: (V, 3). faces: (F, 3) integers. Returns (V, 3) float64: unit. Where those of the faces cancel, as on the
+    edge of a sheet of two sides, that of the largest face; where they have no area, the mean of the neighbours'; +y
+    without any.
     """
-    o3d = open3d()
-
-    mesh = o3d.geometry.TriangleMesh(o3d.utility.Vector3dVector(points), o3d.utility.Vector3iVector(faces))
-    mesh.compute_vertex_normals()
-    normals = np.array(mesh.vertex_normals, np.float32)
-    with np.errstate(invalid="ignore"):
-        without = np.flatnonzero(~(np.linalg.norm(normals, axis=1) > 0.5))
-    if len(without):
-        normals[without] = _of_largest_face(np.asarray(points, np.float64), np.asarray(faces), without)
+    points, faces = np.asarray(points, np.float64), np.asarray(faces, np.int64).reshape(-1, 3)
+    a, b, c = (points[faces[:, corner]] for corner in range(3))
+    across = np.cross(b - a, c - a)
+    normals = _gathered(across, faces, len(points))
+    lost = np.asarray(~normals.any(axis=1))
+    if lost.any():
+        rows = np.flatnonzero(lost[faces].any(axis=1))
+        rows = rows[np.argsort(np.linalg.norm(across[rows], axis=1), kind="stable")]
+        largest = np.zeros_like(normals)
+        largest[faces[rows]] = unit(across[rows])[:, None]  # the largest comes last and stays
+        normals[lost] = largest[lost]
+        rows.sort()
+        around = _gathered(normals[faces[rows]].sum(axis=1), faces[rows], len(points))
+        for others in (around, [[0.0, 1.0, 0.0]]):
+            normals = np.where(normals.any(axis=1, keepdims=True), normals, others)
     return normals
+
+
+def _gathered(vectors: NDArray, faces: NDArray, count: int) -> NDArray[np.float64]:
+    """(V, 3) unit: sums of vectors (F, 3) of faces over the vertices; 0 where they cancel."""
+    corners = np.repeat(vectors, 3, axis=0)
+    return unit(np.stack([np.bincount(faces.ravel(), corners[:, axis], count) for axis in range(3)], axis=1))
+
+
+def unit(vectors: NDArray) -> NDArray[np.float64]:
+    """Vectors (..., 3) at length 1; zeros stay. Returns float64."""
+    vectors = np.asarray(vectors, np.float64)
+    length = np.sqrt((vectors * vectors).sum(axis=-1, keepdims=True))
+    return np.where(length > 1e-150, vectors / np.maximum(length, 1e-150), 0.0)
 
 
 def without_direction(normals: NDArray) -> NDArray[np.bool_]:
@@ -109,18 +132,3 @@ def known_normals(mesh: Mesh) -> NDArray[np.float32]:
     used = np.zeros(count, bool)
     used[faces] = True
     return np.where((missing & used)[:, None], vertex_normals(mesh.vertices, faces), normals)
-
-
-def _of_largest_face(points: NDArray, faces: NDArray, chosen: NDArray) -> NDArray:
-    """(M, 3) unit normals of the largest faces that M vertices are corners of."""
-    faces = faces.reshape(-1, 3)
-    rows = np.flatnonzero(np.isin(faces, chosen).any(axis=1))
-    a, b, c = (points[faces[rows, corner]] for corner in range(3))
-    across = np.cross(b - a, c - a)
-    order = np.argsort(np.linalg.norm(across, axis=1), kind="stable")
-    best = np.zeros((len(points), 3))
-    for row in order:  # the largest comes last and stays
-        best[faces[rows[row]]] = across[row]
-    best = best[chosen]
-    length = np.linalg.norm(best, axis=1, keepdims=True)
-    return np.where(length > 0.0, best / np.where(length > 0.0, length, 1.0), [0.0, 1.0, 0.0])

@@ -101,22 +101,11 @@ def joined(
     held = np.concatenate([np.asarray(value)[used] for value in values if value is not None], axis=1)
     with np.errstate(over="ignore", invalid="ignore"):
         held = np.ascontiguousarray(held.astype(np.float32) + np.float32(0.0))
-    group = _groups(held.view(np.uint32))[corner.reshape(-1)]
+    _, alike = np.unique(held.view(f"V{held.itemsize * held.shape[1]}"), return_inverse=True)
+    corner = corner.reshape(-1)
+    group = alike.reshape(-1)[corner]
     _, first = np.unique(group, return_index=True)
     rank = np.zeros(len(first), np.int64)
     order = np.argsort(first, kind="stable")
     rank[order] = np.arange(len(first))
-    return used[corner.reshape(-1)[first[order]]], rank[group]
-
-
-def _groups(rows: NDArray[np.uint32]) -> NDArray[np.int64]:
-    """A number for each row, (N,), equal for equal rows."""
-    factors = np.random.default_rng(0).integers(1, 2**63, rows.shape[1], dtype=np.uint64) * np.uint64(2) + np.uint64(1)
-    with np.errstate(over="ignore"):
-        mixed = (rows * factors).sum(axis=1, dtype=np.uint64)
-        mixed ^= mixed >> np.uint64(29)
-    _, first, group = np.unique(mixed, return_index=True, return_inverse=True)
-    group = group.reshape(-1)
-    if not (rows == rows[first[group]]).all():  # two rows with one hash: rare, or made
-        _, group = np.unique(rows, axis=0, return_inverse=True)
-    return group.reshape(-1)
+    return used[corner[first[order]]], rank[group]

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from ..base.errors import InputError, UnfinishedError
+from ..base.errors import InputError
 from ..base.inputs import is_url
 from ..base.outputs import check_output
 from ..base.progress import Stages
@@ -29,7 +29,7 @@ from .plan import FILE, GB_PER_SPLAT, CityPlan, folder_of, splats_for
 from .store import Store
 from .surface import mesh
 from .survey import deal, plan_of, say_all_dropped, survey_tasks
-from .tasks import Done, Loop, Task, TaskSteps, costs, name_failed, tiling_engine
+from .tasks import Done, Loop, Task, TaskSteps, costs, tiling_engine
 from .tileset import tileset
 
 CITY, SCHEMA_VERSION = "city.json", 1
@@ -163,10 +163,8 @@ def _meshed(
 ) -> list[dict[str, Any]]:
     """The records of all tiles. Raises UnfinishedError, which names the failed ones, once the others are done."""
     store, count = steps.store, len(plan.tiles)
-    records: list[dict[str, Any] | None] = [None] * count
-    if resumed:  # checksums of all that is there, which workers can share
-        tasks = [Task(f"check {tile}", store.committed, (f"{folder_of(tile)}/mesh.json",)) for tile in range(count)]
-        records = steps.need("check", tasks)
+    names = [f"{folder_of(tile)}/mesh.json" for tile in range(count)]
+    records = steps.committed(names) if resumed else [None] * count
     tasks, waiting = _mesh_tasks(steps, plan, key, sources, [tile for tile in range(count) if records[tile] is None])
 
     def arrived(done: Done) -> None:
@@ -178,12 +176,8 @@ def _meshed(
                     store.remove_file(f"work/sights/{other:05d}.json")
                     store.remove_file(f"work/sights/{other:05d}.npz")
 
-    found = steps.run("tiles", tasks, arrived)
-    lost = [done for done in found.values() if done.error]
-    if lost:
-        tiles = sum(done.name.startswith("mesh") for done in lost)
-        raise UnfinishedError(f"{tiles} of {count} tiles are not done ({name_failed(lost)}); run again with `resume`")
-    return [store.read_json(f"{folder_of(tile)}/mesh.json") for tile in range(count)]
+    steps.need("tiles", tasks, arrived, "mesh")
+    return [store.read_json(name) for name in names]
 
 
 def _mesh_tasks(

@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 from ..base.arrays import Indices, Points
 from ..base.cells import CELLS, keys_of
 from ..options import LEAST_VERTICES
-from ..scene.mesh import Mesh
+from ..scene.mesh import Mesh, vertex_normals
 from ..surface.decimate import decimate
-from .lattice import normals_of
 
 TOTAL = 120_000
 """Vertices of the coarse city, which every worker holds, of all tiles together."""
@@ -44,7 +43,7 @@ def coarse(mesh: Mesh, wanted: int) -> Mesh:
     if not len(faces):
         return mesh
     nearest = scipy.spatial.cKDTree(mesh.vertices).query(points)[1]
-    normals = normals_of(points, faces).astype(np.float32)
+    normals = vertex_normals(points, faces)
     return Mesh(points.astype(np.float32), normals, faces.astype(np.int32), mesh.colors_srgb[nearest])
 
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.arrays import Floats, Indices, Integers, Mask
+from ..base.arrays import Floats, Indices, Mask
 from ..base.distinct import distinct
 from ..scene.mesh import edge_ends, edge_keys
 from ..surface.adaptive import BATCH, ENOUGH_WEIGHT, integrate, packed
@@ -17,7 +17,7 @@ from ..surface.dualmesh import dual_mesh
 from ..surface.octree import BITS, HALF, MASK, corners_of, leaves_of, requested_cells
 from ..surface.sight import FusionSight, Truncation
 from .memory import give_back
-from .plan import CELL_LEVELS, RING, CityPlan
+from .plan import CARVE, CELL_LEVELS, RING, CityPlan
 
 MOST_CELLS = 24_000_000
 """Most cells of a tile: a table of 400 MB."""
@@ -36,7 +36,7 @@ class Raw(NamedTuple):
     owner: NDArray[np.int64]
 
 
-def raw_surface(sights: list[FusionSight], plan: CityPlan, tile: int, carve: float) -> Raw:
+def raw_surface(sights: list[FusionSight], plan: CityPlan, tile: int) -> Raw:
     """Fuse sights within the core of a tile and RING blocks around it. Vertices stand in the order of their cells. The
     list of sights is empty afterwards, since their data are a large part of a process's memory."""
     empty = Raw(np.zeros((0, 3)), np.zeros((0, 3), np.int32), np.zeros(0), np.zeros(0, np.int64))
@@ -45,7 +45,7 @@ def raw_surface(sights: list[FusionSight], plan: CityPlan, tile: int, carve: flo
         return empty
     origin = np.zeros(3)
     steps = (sight.step for sight in sights)
-    truncation = Truncation(plan.finest, carve=carve)
+    truncation = Truncation(plan.finest, carve=CARVE * plan.block)
     requested = requested_cells(sights, steps, origin, truncation, MOST_CELLS)
     maps = packed(sights, origin)
     sights.clear()
@@ -102,31 +102,6 @@ def smoothed(raw: Raw) -> NDArray[np.float64]:
         mean = sums / np.maximum(count, 1)[:, None]
         points = np.where(moving, points + SMOOTHING_STEP * (mean - points), points)
     return points
-
-
-def normals_of(points: NDArray, faces: NDArray) -> NDArray[np.float64]:
-    """(V, 3) unit normals by area, summed in the order of the faces. A vertex whose faces have no area takes the mean
-    of its neighbours'; +y where those have none either."""
-    a, b, c = (points[faces[:, corner]] for corner in range(3))
-    u, v = b - a, c - a
-    cross = np.stack([u[:, i] * v[:, j] - u[:, j] * v[:, i] for i, j in ((1, 2), (2, 0), (0, 1))], axis=1)
-    normals = _unit(_sums(faces.ravel(), np.repeat(cross, 3, axis=0), len(points)))
-    lost = np.asarray(~normals.any(axis=1))
-    if lost.any():
-        rows = faces[lost[faces].any(axis=1)]
-        around = _sums(rows.ravel(), np.repeat(normals[rows].sum(axis=1), 3, axis=0), len(points))
-        normals[lost] = _unit(around)[lost]
-        normals[~normals.any(axis=1)] = [0.0, 1.0, 0.0]
-    return normals
-
-
-def _sums(rows: Integers, values: Floats, count: int) -> NDArray[np.float64]:
-    return np.stack([np.bincount(rows, values[:, axis], count) for axis in range(3)], axis=1)
-
-
-def _unit(vectors: Floats) -> NDArray[np.float64]:
-    length = np.sqrt((vectors * vectors).sum(axis=1, keepdims=True))
-    return np.where(length > 1e-150, vectors / np.maximum(length, 1e-150), 0.0)
 
 
 def seam_edges(raw: Raw, tile: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

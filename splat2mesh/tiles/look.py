@@ -16,7 +16,7 @@ from ..surface.extract import PROBE_PIXELS, PROBES, dilated
 from ..surface.place import DILATION, LEVEL
 from ..surface.sight import FusionSight, Sighting
 from ..views.eyes import Eye, around
-from .plan import CARVE, INFLUENCE, RING, CityPlan, grown
+from .plan import INFLUENCE, RING, CityPlan, grown
 from .stations import stations_of
 from .store import Store
 from .survey import splats_of
@@ -137,8 +137,3 @@ def sight_of(shot: Sighting, plan: CityPlan, tile: int) -> FusionSight:
 def _range(plan: CityPlan, tile: int) -> Floats:
     """Lowest and highest x and z of the surface points that affect a tile's ring: (2, 2)."""
     return grown(plan.core(tile), (RING + INFLUENCE) * plan.block)
-
-
-def carve_of(plan: CityPlan) -> float:
-    """Distance in front of a surface within which space counts as seen to be free."""
-    return CARVE * plan.block

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..base.arrays import Faces, Indices, Points
 from ..scene.color import linear_from_srgb
-from ..scene.mesh import Mesh, edge_keys
+from ..scene.mesh import Mesh, edge_keys, normals_of
 from ..scene.meshfile import mesh_ply_bytes
 from ..surface.album import GREY, Album, filled_in
 from ..surface.clean import fill_holes, without_floaters
@@ -20,8 +20,8 @@ from ..surface.fair import fair
 from ..surface.place import HOLE_CELLS, SPARE
 from ..surface.simplify import simplify
 from .coarse import twins
-from .lattice import Raw, normals_of, raw_surface, seam_edges, seam_of, smoothed
-from .look import carve_of, shots_around, sight_of
+from .lattice import Raw, raw_surface, seam_edges, seam_of, smoothed
+from .look import shots_around, sight_of
 from .memory import give_back
 from .plan import DISTANT, FAR, CityPlan, folder_of
 from .store import Store
@@ -38,7 +38,7 @@ def mesh(store: Store, key: str, tile: int) -> dict[str, Any]:
     album = Album.joined(pictures) if pictures else None
     pictures.clear()
     give_back()
-    raw = raw_surface(sights, known, tile, carve_of(known))
+    raw = raw_surface(sights, known, tile)
     give_back()
     made, facts = tile_mesh(raw, tile, album, known)
     del raw, album

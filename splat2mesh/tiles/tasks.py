@@ -287,17 +287,21 @@ class TaskSteps:
         self.took |= found
         return found
 
-    def need(self, label: str, tasks: list[Task]) -> list[Any]:
-        """Results of tasks that must all succeed. Raises UnfinishedError."""
-        found = self.run(label, tasks)
+    def need(
+        self, label: str, tasks: list[Task], arrived: Callable[[Done], None] = lambda done: None, part: str = ""
+    ) -> list[Any]:
+        """Results of tasks that must all succeed. part: the tasks to count are those whose names begin so. Raises
+        UnfinishedError, which names those that failed, once the others are done."""
+        found = self.run(label, tasks, arrived)
         lost = [done for done in found.values() if done.error]
         if lost:
-            more = f" and {len(lost) - 1} more" if len(lost) > 1 else ""
-            raise UnfinishedError(f"{lost[0].name}{more} failed: {lost[0].error}; run again with `resume`")
+            counts = (sum(each.name.startswith(part) for each in some) for some in (lost, tasks))
+            text = "{} of {} tiles".format(*counts) if part else f"{label}: {len(lost)} of {len(tasks)} parts"
+            # Tasks that only waited for others are left out.
+            failed = [f"{done.name}: {done.error}" for done in lost if not done.error.startswith("waits")]
+            raise UnfinishedError(f"{text} are not done ({'; '.join(failed[:MOST_NAMED])}); run again with `resume`")
         return [found[task.name].result for task in tasks]
 
-
-def name_failed(lost: list[Done]) -> str:
-    """Some failed tasks and their reasons, in one line; tasks that only waited for others are left out."""
-    failed = [done for done in lost if not done.error.startswith("waits")]
-    return "; ".join(f"{done.name}: {done.error}" for done in failed[:MOST_NAMED])
+    def committed(self, records: list[str]) -> list[dict[str, Any] | None]:
+        """Records whose files are all present and whole, None for others: checksums, which workers can share."""
+        return self.need("check", [Task(f"check {name}", self.store.committed, (name,)) for name in records])

@@ -8,7 +8,6 @@ Source: developer.playcanvas.com, "The SOG format".
 import io
 import lzma
 import os
-import struct
 import zipfile
 import zlib
 from collections.abc import Callable
@@ -17,6 +16,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 from PIL.WebPImagePlugin import WebPImageFile
 
 from ...base.errors import InputError
@@ -107,13 +107,10 @@ class _Images:
         """(H, W, 4) uint8."""
         name = self.meta[part]["files"][index]
         data = self._loaded.get(name) or self.load(name)
-        width, height = _size(self.path, name, data)
         most = PALETTE_PIXELS if part == "shN" and index == 0 else max(2 * self.count, FREE)
-        if width * height > most:
-            raise InputError(f"{self.path}: {name} has {width} x {height} pixels, for {self.count} splats: damaged")
         try:
-            return _pixels(data)
-        except (OSError, EOFError, SyntaxError, ValueError) as error:
+            return _pixels(data, most)
+        except (OSError, EOFError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
             raise InputError(f"{self.path}: {name} is not a readable WebP image ({error})") from error
 
     def texels(self, part: str, index: int = 0) -> NDArray[np.uint8]:
@@ -127,28 +124,16 @@ class _Images:
         return pixels[: self.count]
 
 
-def _pixels(data: bytes) -> NDArray[np.uint8]:
-    """(H, W, 4) uint8 of a WebP image, unchanged where alpha is 0. Raises the errors that Pillow does."""
-    # The class, not Image.open, which warns of images that are large but expected here: `image` has checked the size.
+def _pixels(data: bytes, most: int = PALETTE_PIXELS) -> NDArray[np.uint8]:
+    """(H, W, 4) uint8 of a WebP image of so many pixels at most, unchanged where alpha is 0. Raises the errors that
+    Pillow does."""
+    # The class, not Image.open, which warns of images that are large but expected here.
     with WebPImageFile(io.BytesIO(data)) as image:
+        if image.width * image.height > most:  # known before its pixels are made
+            raise ValueError(f"{image.width} x {image.height} pixels, at most {most:,} are expected")
         if getattr(image, "n_frames", 1) != 1:
             raise ValueError("an animation")
         return np.array(image.convert("RGBA"))
-
-
-def _size(path: AnyPath, name: str, data: bytes) -> tuple[int, int]:
-    """Width and height of a WebP image, by its header: before its pixels are made. Source: RFC 9649."""
-    kind = data[12:16]
-    if data[:4] == b"RIFF" and data[8:12] == b"WEBP" and len(data) >= 30:
-        if kind == b"VP8X":
-            return 1 + int.from_bytes(data[24:27], "little"), 1 + int.from_bytes(data[27:30], "little")
-        if kind == b"VP8L":
-            (bits,) = struct.unpack_from("<I", data, 21)
-            return 1 + (bits & 0x3FFF), 1 + (bits >> 14 & 0x3FFF)
-        if kind == b"VP8 ":
-            width, height = struct.unpack_from("<HH", data, 26)
-            return width & 0x3FFF, height & 0x3FFF
-    raise InputError(f"{path}: {name} is not a readable WebP image (it starts with {data[:16]!r})")
 
 
 def _decode(images: _Images, meta: dict[str, Any], version: int) -> Splats:

@@ -23,8 +23,8 @@ from ..splats import Splats
 from .encoding import hide_unusable, levels, smallest_three
 from .sog import ANTIALIASED
 
-ENTRIES, BINS, ROUNDS = 256, 1 << 16, 12
-"""Entries of a codebook, bins of the histogram behind it, and rounds of Lloyd's method, after which steps are small."""
+ENTRIES, BINS = 256, 1 << 16
+"""Entries of a codebook, and bins of the histogram behind it."""
 
 LEAST_SCALE_LOG = -30.0
 """A scale of 0 counts as this: a tenth of a million-millionth."""
@@ -107,13 +107,7 @@ def _coded(values: NDArray[np.float64]) -> tuple[list[float], NDArray[np.uint8]]
     centers = low + (np.arange(BINS) + 0.5) * step
     # Where much lies entries are dense, and none is far from any value: half by number, half by distance.
     rising = np.cumsum(counts) / counts.sum() + (np.arange(BINS) + 1) / BINS
-    book = np.interp((np.arange(ENTRIES) + 0.5) / ENTRIES * 2.0, rising, centers)
-    number, moment = (np.append(0.0, np.cumsum(each)) for each in (counts, counts * centers))
-    for _ in range(ROUNDS):
-        edges = np.concatenate([[0], np.searchsorted(centers, (book[1:] + book[:-1]) / 2), [BINS]])
-        held = np.diff(number[edges])
-        book = np.where(held > 0, np.diff(moment[edges]) / np.maximum(held, 1), book)
-    book = np.sort(book).astype(np.float32)
+    book = np.interp((np.arange(ENTRIES) + 0.5) / ENTRIES * 2.0, rising, centers).astype(np.float32)
     return book.tolist(), np.searchsorted((book[1:] + book[:-1]) / 2, values).astype(np.uint8)
 
 

@@ -8,11 +8,11 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from relight.animation.animation import Animation
 from relight.animation.film import FILM, FilmRequest, Shot, animate, encode, frame_times
-from relight.animation.skinning import Track, for_normals, moved, skinned
+from relight.animation.skinning import Track, moved, skinned
 from relight.light.environment import Environment
 from relight.transfer.analytic import analytic
 from splat2mesh.base.errors import DataWarning, InputError
-from splat2mesh.base.gltfnodes import matrix_from_trs
+from splat2mesh.base.gltfnodes import for_normals, matrix_from_trs
 
 COMPONENT = {"float32": 5126, "uint8": 5121, "uint16": 5123, "uint32": 5125, "int8": 5120, "int16": 5122}
 KIND = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}

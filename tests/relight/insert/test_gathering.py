@@ -24,7 +24,7 @@ def test_a_black_disc_hides_its_form_factor_of_an_even_sky(height):
     distance = np.linalg.norm(scene.vertices[:, [0, 2]], axis=1)
     reached = distance < 3.0
     wanted = -2.0 * form_factor(distance, height, 0.5)[:, None]
-    # 256 rays to a cone, or 1024 all around, of a sky of 2: at most one in a hundred of them is on the wrong side.
+    # 256 rays to a cone, or 2048 all around, of a sky of 2: at most one in a hundred of them is on the wrong side.
     np.testing.assert_allclose(change[reached], np.broadcast_to(wanted, change.shape)[reached], atol=0.025)
 
 

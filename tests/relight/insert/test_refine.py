@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from relight.insert.refine import carried, refined, unit
+from relight.insert.refine import carried, refined
+from splat2mesh.scene.mesh import unit
 
 
 def fan(count=9):

@@ -216,7 +216,7 @@ def test_rows_come_back_from_clusters_as_they_went_in():
     of = rng.integers(0, 4, 3000)
     rows = centers[of] + np.einsum("nw,nwd->nd", rng.normal(size=(3000, 2)), axes[of])
     rows, counts = rows.astype(np.float32), np.ones(3000, np.float32)
-    found: Compressed = compress(rows, counts, 2, near_clusters(rows, counts))
+    found: Compressed = compress(rows, counts, 2, near_clusters(rows))
     error = np.sqrt(np.mean((found.rows() - rows) ** 2)) / rows.std()
     assert error < 0.01  # a byte of each weight
 

@@ -8,6 +8,7 @@ from relight import Environment
 from relight.splats.light_ratio import CURVE_OFFSET, CURVE_POWER
 from relight.splats.sky import FarSplats, sky_rows
 from relight.tiles.background import Background, background_of, far_splats, relit_background
+from relight.tiles.shared import flat, restored
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.splats import NUMBERS, SH_C0
@@ -59,11 +60,11 @@ def test_what_is_kept_stays_and_what_is_dropped_is_sky_alone(far):
 
 def test_it_comes_back_from_a_file_to_the_bit(far):
     background, (splats, _), _ = far
-    kept = Background.from_arrays(arrays_of(bytes_of_arrays(**background.arrays(), other=1)))
+    kept = restored(Background, "background", arrays_of(bytes_of_arrays(**flat("background", background), other=1)))
     assert_same(
         *(relit_background(splats, each, EVEN, np.eye(4), 1.0, "new") for each in (kept, background)),
     )
-    assert Background.from_arrays({"other": 1}) is None
+    assert restored(Background, "background", {"other": 1}) is None
 
 
 def test_damaged_far_splats_stay_and_harm_no_others(far, tmp_path):

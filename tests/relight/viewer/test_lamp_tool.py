@@ -14,7 +14,7 @@ from relight.lamps.color import parse_color
 from relight.viewer.controls import CONTROLS, SLIDERS
 from relight.viewer.lamp_board import place_of
 from relight.viewer.lamp_tool import COLORS, OFF_M
-from relight.viewer.panel import OfWindow, Panel
+from relight.viewer.panel import Panel
 from relight.viewer.window import Window
 
 pytestmark = pytest.mark.usefixtures("vtk_is_silent")
@@ -283,7 +283,7 @@ def test_nothing_written_about_lamps_overlaps_or_leaves_the_window(window, size)
     for changes in ({}, {"help": True}, {"split": True}):
         session.change(help=False, split=False)
         session.change(**changes)
-        panel.draw(session, size, OfWindow())
+        panel.draw(session, size)
         boxes = list(panel.boxes.items())
         assert any(text == "Captured" for (text, *_), _ in boxes) and any(text == "Lamp" for (text, *_), _ in boxes)
         for index, ((text, *_), (left, bottom, width, height)) in enumerate(boxes):

@@ -220,7 +220,7 @@ def bench_of(counted, *lamps, captured=0.0):
 
 
 def settle(bench):
-    while bench.busy or not (bench.settled or bench.failure):
+    while bench._running or not (bench.settled or bench.failure):
         bench.poll(True)
 
 

@@ -16,7 +16,7 @@ from relight import Environment
 from relight.light.projections import texel_directions
 from relight.output.preview import Preview
 from relight.viewer.controls import CONTROLS, MOUSE, SLIDERS, key_name
-from relight.viewer.panel import OfWindow, Panel
+from relight.viewer.panel import Panel
 from relight.viewer.request import SessionRequest
 from relight.viewer.session import Session
 from relight.viewer.stage import BACKDROP
@@ -305,7 +305,7 @@ def test_nothing_written_overlaps_or_leaves_the_window(scene, size):
             if settled:
                 session.finish()
             session.answers.progress = ("bounce rays", 0.45)
-            panel.draw(session, size, OfWindow())
+            panel.draw(session, size)
             boxes = list(panel.boxes.items())
             for index, ((text, *_), (left, bottom, width, height)) in enumerate(boxes):
                 assert left >= 0 and bottom >= 0 and left + width <= size[0] and bottom + height <= size[1], text

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from splat2mesh.base.errors import DataWarning, InputError
-from splat2mesh.scene.surfaces import _groups, centred, check_corners, fans, joined
+from splat2mesh.scene.surfaces import centred, check_corners, fans, joined
 
 
 def test_a_polygon_of_n_corners_is_n_minus_2_triangles_around_its_first():
@@ -36,18 +36,6 @@ def test_minus_zero_joins_zero_and_values_equal_in_float32_are_one():
     values = np.array([[0.0], [-0.0], [1.0], [1.0 + 1e-12]])
     rows, vertices = joined(np.arange(4), values)
     assert rows.tolist() == [0, 2] and vertices.tolist() == [0, 0, 1, 1]
-
-
-def test_groups_are_right_also_where_every_hash_is_the_same(monkeypatch):
-    class Zeros:
-        def integers(self, low, high, size, dtype):
-            return np.zeros(size, dtype)
-
-    rows = np.array([[1, 2], [2, 1], [1, 2], [3, 0]], np.uint32)
-    rows[:, 1] = 3 - rows[:, 0]  # with factors of 1 all sums are 3
-    monkeypatch.setattr(np.random, "default_rng", lambda seed: Zeros())
-    group = _groups(rows)
-    assert len(set(group.tolist())) == 3 and group[0] == group[2]
 
 
 def test_a_mesh_is_moved_only_where_float32_would_lose_it():

@@ -5,10 +5,9 @@ import pytest
 
 from scenes import shapes
 from splat2mesh.render.raycaster import RayCaster
-from splat2mesh.scene.mesh import Mesh
+from splat2mesh.scene.mesh import Mesh, vertex_normals
 from splat2mesh.surface.decimate import decimate
 from splat2mesh.tiles.coarse import ALLOWED, FEW, TOTAL, coarse, merged_in_cells, twins
-from splat2mesh.tiles.lattice import normals_of
 
 WANTED = 600
 
@@ -59,7 +58,7 @@ def sunlight(points):
 def test_a_twin_hides_what_the_tile_hides(made, error):
     points, faces = made()
     colors = np.random.default_rng(0).integers(0, 256, (len(points), 3), np.uint8)
-    mesh = Mesh(points.astype(np.float32), normals_of(points, faces).astype(np.float32), faces.astype(np.int32), colors)
+    mesh = Mesh(points.astype(np.float32), vertex_normals(points, faces), faces.astype(np.int32), colors)
     twin = coarse(mesh, WANTED)
     assert len(mesh.vertices) > 8 * WANTED and 0 < len(twin.vertices) <= ALLOWED * WANTED
     rays = sunlight(points)
@@ -92,7 +91,7 @@ def test_merged_vertices_are_few_and_faces_keep_their_side(wanted):
 
 def test_a_small_tile_is_its_own_twin():
     points, faces = shapes.blob(1.0, 0.0, np.random.default_rng(0), 0.3)
-    normals = normals_of(points, faces).astype(np.float32)
+    normals = vertex_normals(points, faces)
     mesh = Mesh(points.astype(np.float32), normals, faces.astype(np.int32), np.zeros((len(points), 3), np.uint8))
     assert coarse(mesh, len(points)) is mesh
     assert twins(mesh, 1) == (mesh, None)
@@ -101,7 +100,7 @@ def test_a_small_tile_is_its_own_twin():
 @pytest.mark.parametrize("tiles", [1, 60, 135, 4500])
 def test_what_the_city_holds_of_a_tile_is_the_less_the_more_there_are(tiles):
     points, faces = houses()
-    normals = normals_of(points, faces).astype(np.float32)
+    normals = vertex_normals(points, faces)
     mesh = Mesh(points.astype(np.float32), normals, faces.astype(np.int32), np.zeros((len(points), 3), np.uint8))
     far, distant = twins(mesh, tiles)
     assert FEW / 2 < len(far.vertices) <= ALLOWED * max(FEW, 0.06 * len(points))

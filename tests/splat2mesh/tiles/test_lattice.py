@@ -2,8 +2,9 @@
 
 import numpy as np
 
+from splat2mesh.scene.mesh import normals_of
 from splat2mesh.surface.simplify import simplify
-from splat2mesh.tiles.lattice import Raw, normals_of, seam_edges, seam_of, smoothed
+from splat2mesh.tiles.lattice import Raw, seam_edges, seam_of, smoothed
 
 
 def sheet(size=24, seed=0):

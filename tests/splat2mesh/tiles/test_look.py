@@ -5,8 +5,8 @@ import numpy as np
 from splat2mesh.render.opacityfield import FieldDepth
 from splat2mesh.render.view import View
 from splat2mesh.surface.sight import Sighting
-from splat2mesh.tiles.look import carve_of, sight_of
-from splat2mesh.tiles.plan import CARVE, INFLUENCE, RING, CityPlan
+from splat2mesh.tiles.look import sight_of
+from splat2mesh.tiles.plan import INFLUENCE, RING, CityPlan
 
 SIZE = 32
 
@@ -53,7 +53,3 @@ def test_no_cell_and_no_thickness_is_larger_than_a_block():
     assert sight.spread.max() == known.block and sight.step.max() <= known.block
     thin = sight_of(face(0.1), known, 0)
     np.testing.assert_array_equal(thin.spread, np.float32(0.1))
-
-
-def test_space_in_front_of_a_surface_is_free_for_some_blocks():
-    assert carve_of(plan([[0, 0, 1, 1]])) == CARVE * 2.0
