@@ -82,18 +82,21 @@ class Batch(NamedTuple):
     entries: NDArray[np.int32]
 
 
-def footprint_batches(splats: Splats, camera: Camera, open_tiles: Mask) -> Iterator[Batch]:
+def footprint_batches(
+    splats: Splats, camera: Camera, open_tiles: Mask, deepest: Floats | None = None
+) -> Iterator[Batch]:
     """Yield the visible splats of a view as Batch after Batch, nearest first, until no tile is open any more.
 
     splats: Splats (means, scales, quats_wxyz, opacities, sh of 3DGS signs), N >= 0; rows whose geometry is not
         finite are left out. camera: Camera. open_tiles: (tiles,) bool, row after row; the caller that blends a batch
-        clears the ones that let no more light through, and they get no more splats.
+        clears the ones that let no more light through, and they get no more splats. deepest: (tiles,) float32 camera z
+        behind which a tile needs no splats; splats that no tile needs are left out.
     """
     fields = splats.means, splats.scales, splats.quats_wxyz, splats.opacities, splats.sh
     gaussians = Gaussians(*(read_only(field) for field in fields))
     tiles = len(open_tiles)
     depth = np.empty(len(splats), np.float32)
-    _cull(len(splats), gaussians, camera, depth)
+    _cull(len(splats), gaussians, camera, np.full(tiles, np.inf, np.float32) if deepest is None else deepest, depth)
     order = _front_to_back(depth)
     chunks = cores()  # pieces of a batch that threads bin independently
     for start in range(0, len(order), BATCH):
@@ -145,9 +148,9 @@ def _front_to_back(depth: Floats) -> Indices:
 
 @shared
 @kernel
-def _cull(begin: int, end: int, gaussians: Gaussians, camera: Camera, depth: Floats) -> None:
-    """Camera z of the splats that may touch the image, infinity for the others. A splat's image variance along x is at
-    most (fx scale_max / z)^2 (1 + (x/z)^2) plus the dilation."""
+def _cull(begin: int, end: int, gaussians: Gaussians, camera: Camera, deepest: Floats, depth: Floats) -> None:
+    """Camera z of the splats that may touch a tile that needs them, infinity for the others. A splat's image variance
+    along x is at most (fx scale_max / z)^2 (1 + (x/z)^2) plus the dilation."""
     widest = 2 * math.log(1 / MIN_ALPHA)
     scales = gaussians.scales
     for i in range(begin, end):
@@ -157,14 +160,27 @@ def _cull(begin: int, end: int, gaussians: Gaussians, camera: Camera, depth: Flo
             continue
         u, v = x / z, y / z
         column, row = camera.fx * u + camera.cx, camera.fy * v + camera.cy
-        outside_x = max(-column, column - camera.width, 0.0)
-        outside_y = max(-row, row - camera.height, 0.0)
         u, v = _guarded(camera, u, v)
         spread = max(scales[i, 0], scales[i, 1], scales[i, 2]) / z
-        variance_x = (camera.fx * spread) ** 2 * (1 + u * u) + DILATION
-        variance_y = (camera.fy * spread) ** 2 * (1 + v * v) + DILATION
-        if outside_x * outside_x <= widest * variance_x and outside_y * outside_y <= widest * variance_y:
+        reach_x = math.sqrt(widest * ((camera.fx * spread) ** 2 * (1 + u * u) + DILATION))
+        reach_y = math.sqrt(widest * ((camera.fy * spread) ** 2 * (1 + v * v) + DILATION))
+        if _needed(camera, deepest, z, (column - reach_x, column + reach_x), (row - reach_y, row + reach_y)):
             depth[i] = z
+
+
+@kernel
+def _needed(camera: Camera, deepest: Floats, z: float, columns: tuple[float, float], rows: tuple[float, float]) -> bool:
+    """Whether a tile that a range of columns and of rows touches needs splats at a depth."""
+    if not (columns[1] >= 0 and columns[0] <= camera.width and rows[1] >= 0 and rows[0] <= camera.height):
+        return False
+    left, right = int(max(columns[0], 0)) // TILE, int(min(columns[1], camera.width - 1)) // TILE
+    top, bottom = int(max(rows[0], 0)) // TILE, int(min(rows[1], camera.height - 1)) // TILE
+    across = (camera.width + TILE - 1) // TILE
+    for tile_row in range(top, bottom + 1):
+        for tile in range(tile_row * across + left, tile_row * across + right + 1):
+            if z <= deepest[tile]:
+                return True
+    return False
 
 
 @shared

@@ -4,24 +4,33 @@ A picture counts most for points that it shows frontally and, in a place, from n
 occluded points, or where it shows another surface.
 """
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from ..base.arrays import ColorsSrgb, Directions, Floats, Indices, Points
 from ..base.kernels import kernel
 from ..base.threads import shared
+from ..render.footprints import TILE
 from ..render.rasterize import rasterize
-from ..render.view import stacked
+from ..render.view import View, stacked
 from ..scene.color import bytes_from_unit
 from ..surface.album import groups_of, may_see
 from ..surface.extract import Look
 from ..surface.sight import LEAST_COSINE
 
+DepthIn: TypeAlias = Callable[[View], Floats]
+"""The camera z (H, W) of a surface in a view, infinite without one."""
+
 LEAST_ALPHA = 0.5
 """Opacity below which a pixel shows no surface."""
+
+RAYS = 2
+"""Rays along a side of a tile that meet the surface there."""
 
 DEEPEST = 1.05
 """Factor on the depth of a picture's deepest pixel, behind which it shows nothing."""
@@ -44,8 +53,9 @@ class Pictures(NamedTuple):
     deepest: NDArray[np.float64]
 
     @classmethod
-    def of(cls, looks: Sequence[Look], pixels: int) -> "Pictures":
-        """Pictures of some Look, `pixels` along the longer side."""
+    def of(cls, looks: Sequence[Look], pixels: int, surface: DepthIn, tolerance: tuple[float, float]) -> "Pictures":
+        """Pictures of some Look, `pixels` along the longer side, up to a surface. tolerance: as of `shown`. What is
+        looked at after the first, the far background, may lie behind the surface and is drawn whole."""
         views = [view.resized(pixels) for look in looks for view in look.views]
         stack = stacked(views)
         ends = np.append(stack.starts[1:], stack.sizes.prod(axis=1).sum())
@@ -53,7 +63,8 @@ class Pictures(NamedTuple):
         deepest, number = np.zeros(len(views)), 0
         for look in looks:
             for plane in look.near:
-                seen = rasterize(look.splats, views[number], float(plane))
+                reach = deepest_of(views[number], surface, tolerance) if look is looks[0] else None
+                seen = rasterize(look.splats, views[number], float(plane), reach)
                 solid = seen.alpha > LEAST_ALPHA
                 part = slice(stack.starts[number], ends[number])
                 color = seen.color / np.maximum(seen.alpha, LEAST_ALPHA)[..., None]
@@ -79,6 +90,17 @@ class Pictures(NamedTuple):
         seen = weights > 0.0
         result[seen] /= weights[seen, None]
         return result, seen
+
+
+def deepest_of(view: View, surface: DepthIn, tolerance: tuple[float, float]) -> NDArray[np.float32]:
+    """Camera z up to which each tile of a view shows a surface, 0 where it shows none: (tiles,) float32. surface: gives
+    its camera z in a view. tolerance: how far behind it splats may lie, in units of the distance and of the splats."""
+    down, across, step = -(-view.height // TILE), -(-view.width // TILE), TILE / RAYS
+    lens = {name: getattr(view, name) / step for name in ("fx", "fy", "cx", "cy")}
+    met = surface(replace(view, width=RAYS * across, height=RAYS * down, **lens))
+    met = np.where(np.isfinite(met), (1.0 + tolerance[0]) * met + tolerance[1], 0.0).astype(np.float32)
+    # The tiles around tell of edges that pass between the rays.
+    return scipy.ndimage.maximum_filter(met.reshape(down, RAYS, across, RAYS).max(axis=(1, 3)), 3).ravel()
 
 
 class _Asked(NamedTuple):
