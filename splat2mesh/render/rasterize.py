@@ -15,7 +15,7 @@ from ..base.arrays import DepthMap, Floats
 from ..base.kernels import kernel
 from ..base.threads import shared
 from ..splats.splats import Splats
-from .footprints import MAX_ALPHA, NEAR, TILE, Batch, Footprint, camera_of, footprint_batches, pixel_range
+from .footprints import EVERYWHERE, MAX_ALPHA, NEAR, TILE, Batch, Footprint, camera_of, footprint_batches, pixel_range
 from .screentiles import AREA, ScreenTiles
 from .view import View
 
@@ -46,7 +46,7 @@ class Rendering:
     depth_median: DepthMap
 
 
-def rasterize(splats: Splats, view: View, near: float = NEAR, deepest: Floats | None = None) -> Rendering:
+def rasterize(splats: Splats, view: View, near: float = NEAR, deepest: Floats = EVERYWHERE) -> Rendering:
     """Render `splats` from `view`.
 
     splats: Splats (means, scales, quats_wxyz, opacities, sh of 3DGS signs), N >= 0. Rows whose geometry is
@@ -59,7 +59,7 @@ def rasterize(splats: Splats, view: View, near: float = NEAR, deepest: Floats | 
     """
     camera = camera_of(view, near)
     tiles = ScreenTiles.empty(camera, PLANES, transmittance=3, median=4)
-    if deepest is not None:
+    if len(deepest):
         tiles.open[:] = deepest > 0
     for batch in footprint_batches(splats, camera, tiles.open, deepest):
         _blend(len(tiles.open), batch, tiles)

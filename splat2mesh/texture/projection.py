@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..base.arrays import ColorsSrgb, Directions, Floats, Indices, Points
 from ..base.kernels import kernel
 from ..base.threads import shared
-from ..render.footprints import TILE
+from ..render.footprints import EVERYWHERE, TILE
 from ..render.rasterize import rasterize
 from ..render.view import View, stacked
 from ..scene.color import bytes_from_unit
@@ -63,7 +63,7 @@ class Pictures(NamedTuple):
         deepest, number = np.zeros(len(views)), 0
         for look in looks:
             for plane in look.near:
-                reach = deepest_of(views[number], surface, tolerance) if look is looks[0] else None
+                reach = deepest_of(views[number], surface, tolerance) if look is looks[0] else EVERYWHERE
                 seen = rasterize(look.splats, views[number], float(plane), reach)
                 solid = seen.alpha > LEAST_ALPHA
                 part = slice(stack.starts[number], ends[number])
