@@ -31,6 +31,8 @@ TILE = 16  # pixels along a tile's side
 BATCH = 32768  # splats projected and binned at a time: bounds the memory, and hidden batches are never binned
 COUNT_ONLY = np.zeros(0, np.int32)  # in place of entries: footprints are counted, not listed
 
+EVERYWHERE = np.zeros(0, np.float32)  # in place of the depths of tiles: none has an end
+
 # One splat in the image: exp(-q/2), q = precision_y dy^2 + precision_x (dx - slope dy)^2. Unlike the usual
 # inverse covariance this gives each pixel row its interval, and no digit is lost to cancellation.
 FOOTPRINT = np.dtype(
@@ -82,18 +84,21 @@ class Batch(NamedTuple):
     entries: NDArray[np.int32]
 
 
-def footprint_batches(splats: Splats, camera: Camera, open_tiles: Mask) -> Iterator[Batch]:
+def footprint_batches(
+    splats: Splats, camera: Camera, open_tiles: Mask, deepest: Floats = EVERYWHERE
+) -> Iterator[Batch]:
     """Yield the visible splats of a view as Batch after Batch, nearest first, until no tile is open any more.
 
     splats: Splats (means, scales, quats_wxyz, opacities, sh of 3DGS signs), N >= 0; rows whose geometry is not
         finite are left out. camera: Camera. open_tiles: (tiles,) bool, row after row; the caller that blends a batch
-        clears the ones that let no more light through, and they get no more splats.
+        clears the ones that let no more light through, and they get no more splats. deepest: (tiles,) float32 camera z
+        behind which a tile needs no splats, or EVERYWHERE; splats that no tile needs are left out.
     """
     fields = splats.means, splats.scales, splats.quats_wxyz, splats.opacities, splats.sh
     gaussians = Gaussians(*(read_only(field) for field in fields))
     tiles = len(open_tiles)
     depth = np.empty(len(splats), np.float32)
-    _cull(len(splats), gaussians, camera, depth)
+    _cull(len(splats), gaussians, camera, deepest, depth)
     order = _front_to_back(depth)
     chunks = cores()  # pieces of a batch that threads bin independently
     for start in range(0, len(order), BATCH):
@@ -145,9 +150,9 @@ def _front_to_back(depth: Floats) -> Indices:
 
 @shared
 @kernel
-def _cull(begin: int, end: int, gaussians: Gaussians, camera: Camera, depth: Floats) -> None:
-    """Camera z of the splats that may touch the image, infinity for the others. A splat's image variance along x is at
-    most (fx scale_max / z)^2 (1 + (x/z)^2) plus the dilation."""
+def _cull(begin: int, end: int, gaussians: Gaussians, camera: Camera, deepest: Floats, depth: Floats) -> None:
+    """Camera z of the splats that may touch a tile that needs them, infinity for the others. A splat's image variance
+    along x is at most (fx scale_max / z)^2 (1 + (x/z)^2) plus the dilation."""
     widest = 2 * math.log(1 / MIN_ALPHA)
     scales = gaussians.scales
     for i in range(begin, end):
@@ -161,10 +166,25 @@ def _cull(begin: int, end: int, gaussians: Gaussians, camera: Camera, depth: Flo
         outside_y = max(-row, row - camera.height, 0.0)
         u, v = _guarded(camera, u, v)
         spread = max(scales[i, 0], scales[i, 1], scales[i, 2]) / z
-        variance_x = (camera.fx * spread) ** 2 * (1 + u * u) + DILATION
-        variance_y = (camera.fy * spread) ** 2 * (1 + v * v) + DILATION
-        if outside_x * outside_x <= widest * variance_x and outside_y * outside_y <= widest * variance_y:
-            depth[i] = z
+        square_x = widest * ((camera.fx * spread) ** 2 * (1 + u * u) + DILATION)
+        square_y = widest * ((camera.fy * spread) ** 2 * (1 + v * v) + DILATION)
+        if outside_x * outside_x <= square_x and outside_y * outside_y <= square_y:
+            reach = math.sqrt(square_x), math.sqrt(square_y)
+            depth[i] = z if len(deepest) == 0 or _needed(camera, deepest, z, (column, row), reach) else np.inf
+
+
+@kernel
+def _needed(camera: Camera, deepest: Floats, z: float, center: tuple[float, float], reach: tuple[float, float]) -> bool:
+    """Whether a tile that a box touches, its centre and half its sides in pixels, needs splats at a depth."""
+    (column, row), (reach_x, reach_y) = center, reach
+    left, right = int(max(column - reach_x, 0)) // TILE, int(min(column + reach_x, camera.width - 1)) // TILE
+    top, bottom = int(max(row - reach_y, 0)) // TILE, int(min(row + reach_y, camera.height - 1)) // TILE
+    across = (camera.width + TILE - 1) // TILE
+    for tile_row in range(top, bottom + 1):
+        for tile in range(tile_row * across + left, tile_row * across + right + 1):
+            if z <= deepest[tile]:
+                return True
+    return False
 
 
 @shared

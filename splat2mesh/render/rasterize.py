@@ -15,7 +15,7 @@ from ..base.arrays import DepthMap, Floats
 from ..base.kernels import kernel
 from ..base.threads import shared
 from ..splats.splats import Splats
-from .footprints import MAX_ALPHA, NEAR, TILE, Batch, Footprint, camera_of, footprint_batches, pixel_range
+from .footprints import EVERYWHERE, MAX_ALPHA, NEAR, TILE, Batch, Footprint, camera_of, footprint_batches, pixel_range
 from .screentiles import AREA, ScreenTiles
 from .view import View
 
@@ -46,19 +46,22 @@ class Rendering:
     depth_median: DepthMap
 
 
-def rasterize(splats: Splats, view: View, near: float = NEAR) -> Rendering:
+def rasterize(splats: Splats, view: View, near: float = NEAR, deepest: Floats = EVERYWHERE) -> Rendering:
     """Render `splats` from `view`.
 
     splats: Splats (means, scales, quats_wxyz, opacities, sh of 3DGS signs), N >= 0. Rows whose geometry is
         not finite are not drawn, colours that are not finite are black.
     view: View in the frame of the splats. near: camera z > 0 of the near plane, in the splats' unit.
+    deepest: (tiles,) float32 camera z behind which nothing matters in each tile, row after row; those of 0 stay empty.
     Returns a Rendering. Colours follow each splat's harmonics towards the camera, clamped at 0 from below.
     Memory on the way: 4 bytes a splat, 32 for each one in the frustum, and the lists of one batch of 32,768.
     Raises InputError when `near` is not positive.
     """
     camera = camera_of(view, near)
     tiles = ScreenTiles.empty(camera, PLANES, transmittance=3, median=4)
-    for batch in footprint_batches(splats, camera, tiles.open):
+    if len(deepest):
+        tiles.open[:] = deepest > 0
+    for batch in footprint_batches(splats, camera, tiles.open, deepest):
         _blend(len(tiles.open), batch, tiles)
     images = tiles.images(camera)
     transmittance, depth_median = images[3:]

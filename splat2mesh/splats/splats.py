@@ -134,7 +134,11 @@ class Splats:
         return DEGREE_OF_COEFFICIENTS[self.sh.shape[1]]
 
     def take(self, rows: slice | NDArray[Any]) -> "Splats":
-        """Return the splats at some rows, in that order. rows: indices, a slice, or an (N,) boolean mask."""
+        """Return the splats at some rows, in that order: themselves where these are all rows as they are. rows:
+        indices, a slice, or an (N,) boolean mask."""
+        every = np.arange(len(self))
+        if np.array_equal(every[rows], every):
+            return self
         names = [name for name in (*NUMBERS, "environment") if getattr(self, name) is not None]
         return replace(self, **{name: getattr(self, name)[rows] for name in names})
 

@@ -4,6 +4,8 @@ Splats of a surface lie in a sheet and face one way; splats of foliage fill spac
 among the nearest neighbours: the thickness of their cloud, and the disagreement of their shortest axes.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import scipy
 from numpy.typing import NDArray
@@ -40,7 +42,7 @@ def splat_volume(splats: Splats) -> NDArray[np.float32]:
     means = splats.means[anchors].astype(np.float64)
     _, near = scipy.spatial.cKDTree(means).query(means, NEIGHBORS + 1, workers=-1)
     near = np.sort(near, axis=1)  # sums in one order, whatever the tree's
-    measured = _measured(means, *_axes(splats.take(anchors)), near)
+    measured = _measured(means, *_axes(replace(splats, sh=splats.sh[:, :1]).take(anchors)), near)
     # One splat alone decides nothing: the median of the neighbourhood.
     measured = np.median(measured[near], axis=1).astype(np.float32)
     _, nearest = scipy.spatial.cKDTree(means).query(splats.means, workers=-1)

@@ -4,27 +4,33 @@ A picture counts most for points that it shows frontally and, in a place, from n
 occluded points, or where it shows another surface.
 """
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from ..base.arrays import ColorsSrgb, Directions, Floats, Indices, Points
 from ..base.kernels import kernel
 from ..base.threads import shared
+from ..render.footprints import EVERYWHERE, TILE
 from ..render.rasterize import rasterize
-from ..render.view import stacked
+from ..render.view import View, stacked
 from ..scene.color import bytes_from_unit
 from ..surface.album import groups_of, may_see
 from ..surface.extract import Look
 from ..surface.sight import LEAST_COSINE
 
+DepthIn: TypeAlias = Callable[[View], Floats]
+"""The camera z (H, W) of a surface in a view, infinite without one."""
+
 LEAST_ALPHA = 0.5
 """Opacity below which a pixel shows no surface."""
 
-CERTAIN = 0.99
-"""Part of LEAST_COSINE below which another order of rounding cannot lift a cosine over it."""
+RAYS = 2
+"""Rays along a side of a tile that meet the surface there."""
 
 DEEPEST = 1.05
 """Factor on the depth of a picture's deepest pixel, behind which it shows nothing."""
@@ -47,8 +53,9 @@ class Pictures(NamedTuple):
     deepest: NDArray[np.float64]
 
     @classmethod
-    def of(cls, looks: Sequence[Look], pixels: int) -> "Pictures":
-        """Pictures of some Look, `pixels` along the longer side."""
+    def of(cls, looks: Sequence[Look], pixels: int, surface: DepthIn, tolerance: tuple[float, float]) -> "Pictures":
+        """Pictures of some Look, `pixels` along the longer side, up to a surface. tolerance: as of `shown`. What is
+        looked at after the first, the far background, may lie behind the surface and is drawn whole."""
         views = [view.resized(pixels) for look in looks for view in look.views]
         stack = stacked(views)
         ends = np.append(stack.starts[1:], stack.sizes.prod(axis=1).sum())
@@ -56,7 +63,8 @@ class Pictures(NamedTuple):
         deepest, number = np.zeros(len(views)), 0
         for look in looks:
             for plane in look.near:
-                seen = rasterize(look.splats, views[number], float(plane))
+                reach = deepest_of(views[number], surface, tolerance) if look is looks[0] else EVERYWHERE
+                seen = rasterize(look.splats, views[number], float(plane), reach)
                 solid = seen.alpha > LEAST_ALPHA
                 part = slice(stack.starts[number], ends[number])
                 color = seen.color / np.maximum(seen.alpha, LEAST_ALPHA)[..., None]
@@ -84,6 +92,17 @@ class Pictures(NamedTuple):
         return result, seen
 
 
+def deepest_of(view: View, surface: DepthIn, tolerance: tuple[float, float]) -> NDArray[np.float32]:
+    """Camera z up to which each tile of a view shows a surface, 0 where it shows none: (tiles,) float32. surface: gives
+    its camera z in a view. tolerance: how far behind it splats may lie, in units of the distance and of the splats."""
+    down, across, step = -(-view.height // TILE), -(-view.width // TILE), TILE / RAYS
+    lens = {name: getattr(view, name) / step for name in ("fx", "fy", "cx", "cy")}
+    met = surface(replace(view, width=RAYS * across, height=RAYS * down, **lens))
+    met = np.where(np.isfinite(met), (1.0 + tolerance[0]) * met + tolerance[1], 0.0).astype(np.float32)
+    # The tiles around tell of edges that pass between the rays.
+    return scipy.ndimage.maximum_filter(met.reshape(down, RAYS, across, RAYS).max(axis=(1, 3)), 3).ravel()
+
+
 class _Asked(NamedTuple):
     """Points (N, 3) and normals (N, 3), their order (N,) by groups that lie together, where each group begins in it and
     the end (G + 1,), how nearness counts, (typical / distance)^nearness, and the tolerance of depths."""
@@ -101,74 +120,52 @@ class _Asked(NamedTuple):
 @shared
 @kernel
 def _show(begin: int, end: int, asked: _Asked, pictures: Pictures, result: Floats, weights: Floats) -> None:
-    points, count = asked.points, len(pictures.poses)
-    seers, eyes = np.empty(count, np.int64), np.empty((count, 3))
-    for m in range(count):
-        p = pictures.poses[m]
-        for k in range(3):
-            eyes[m, k] = -(p[0, k] * p[0, 3] + p[1, k] * p[1, 3] + p[2, k] * p[2, 3])
+    points = asked.points
     for g in range(begin, end):
         members = asked.order[asked.groups[g] : asked.groups[g + 1]]
         low, high = points[members[0]].copy(), points[members[0]].copy()
         for i in members:
             for k in range(3):
                 low[k], high[k] = min(low[k], points[i, k]), max(high[k], points[i, k])
-        middle, half, found = (low + high) / 2, (high - low) / 2, 0
-        for m in range(count):
+        middle, half = (low + high) / 2, (high - low) / 2
+        for m in range(len(pictures.poses)):
             if may_see(pictures.poses[m], pictures.lenses[m], pictures.sizes[m], pictures.deepest[m], middle, half):
-                seers[found] = m
-                found += 1
-        for i in members:
-            for m in seers[:found]:
-                if _turned_away(i, m, asked, eyes):
-                    continue
-                _add(i, m, asked, pictures, result, weights)
+                _add(members, m, asked, pictures, result, weights)
 
 
 @kernel
-def _turned_away(i: int, m: int, asked: _Asked, eyes: Points) -> bool:
-    """Whether a point certainly looks away from an eye: most that is not shown, at a fraction of the work of `_add`."""
-    facing, square = 0.0, 0.0
-    for k in range(3):
-        along = asked.points[i, k] - eyes[m, k]
-        facing -= asked.normals[i, k] * along
-        square += along * along
-    return facing <= 0.0 or facing * facing < (CERTAIN * LEAST_COSINE) ** 2 * square
-
-
-@kernel
-def _add(i: int, m: int, asked: _Asked, pictures: Pictures, result: Floats, weights: Floats) -> None:
-    """Add to one point what one picture shows there."""
+def _add(members: Indices, m: int, asked: _Asked, pictures: Pictures, result: Floats, weights: Floats) -> None:
+    """Add to some points what one picture shows there."""
     p, lens, height, width = pictures.poses[m], pictures.lenses[m], pictures.sizes[m, 0], pictures.sizes[m, 1]
-    x, y, z = asked.points[i, 0], asked.points[i, 1], asked.points[i, 2]
-    cz = p[2, 0] * x + p[2, 1] * y + p[2, 2] * z + p[2, 3]
-    if cz <= 0.0:
-        return
-    cx = p[0, 0] * x + p[0, 1] * y + p[0, 2] * z + p[0, 3]
-    cy = p[1, 0] * x + p[1, 1] * y + p[1, 2] * z + p[1, 3]
-    u, v = lens[0] * cx / cz + lens[2] - 0.5, lens[1] * cy / cz + lens[3] - 0.5
-    if not (0.0 <= u < width - 1 and 0.0 <= v < height - 1):
-        return
-    facing = 0.0
-    for k in range(3):
-        along = p[0, k] * cx + p[1, k] * cy + p[2, k] * cz  # from the eye to the point, in the world
-        facing -= asked.normals[i, k] * along
-    cosine = facing / np.sqrt(cx * cx + cy * cy + cz * cz)
-    if cosine < LEAST_COSINE:
-        return
-    left, top = int(u), int(v)
-    right, below = u - left, v - top
-    red = green = blue = 0.0
-    for q in range(4):  # all four pixels must show this surface, or colours mix
-        at = pictures.starts[m] + (top + (q >> 1)) * width + left + (q & 1)
-        if not abs(pictures.depth[at] - cz) < asked.relative * cz + asked.absolute:
-            return
-        share = (right if q & 1 else 1.0 - right) * (below if q >> 1 else 1.0 - below)
-        red += share * pictures.colors[at, 0]
-        green += share * pictures.colors[at, 1]
-        blue += share * pictures.colors[at, 2]
-    weight = cosine * cosine * (asked.typical / cz) ** asked.nearness
-    result[i, 0] += weight * red
-    result[i, 1] += weight * green
-    result[i, 2] += weight * blue
-    weights[i] += weight
+    for i in members:
+        x, y, z = asked.points[i, 0], asked.points[i, 1], asked.points[i, 2]
+        cx = p[0, 0] * x + p[0, 1] * y + p[0, 2] * z + p[0, 3]
+        cy = p[1, 0] * x + p[1, 1] * y + p[1, 2] * z + p[1, 3]
+        cz = p[2, 0] * x + p[2, 1] * y + p[2, 2] * z + p[2, 3]
+        facing = 0.0
+        for k in range(3):
+            along = p[0, k] * cx + p[1, k] * cy + p[2, k] * cz  # from the eye to the point, in the world
+            facing -= asked.normals[i, k] * along
+        if cz <= 0.0 or facing <= 0.0:
+            continue
+        cosine = facing / np.sqrt(cx * cx + cy * cy + cz * cz)
+        u, v = lens[0] * cx / cz + lens[2] - 0.5, lens[1] * cy / cz + lens[3] - 0.5
+        if cosine < LEAST_COSINE or not (0.0 <= u < width - 1 and 0.0 <= v < height - 1):
+            continue
+        left, top = int(u), int(v)
+        right, below = u - left, v - top
+        red = green = blue = 0.0
+        for q in range(4):  # all four pixels must show this surface, or colours mix
+            at = pictures.starts[m] + (top + (q >> 1)) * width + left + (q & 1)
+            if not abs(pictures.depth[at] - cz) < asked.relative * cz + asked.absolute:
+                break
+            share = (right if q & 1 else 1.0 - right) * (below if q >> 1 else 1.0 - below)
+            red += share * pictures.colors[at, 0]
+            green += share * pictures.colors[at, 1]
+            blue += share * pictures.colors[at, 2]
+        else:
+            weight = cosine * cosine * (asked.typical / cz) ** asked.nearness
+            result[i, 0] += weight * red
+            result[i, 1] += weight * green
+            result[i, 2] += weight * blue
+            weights[i] += weight

@@ -13,6 +13,7 @@ from ..scene.color import bytes_from_unit, linear_from_srgb, srgb_from_linear
 from ..scene.scene import Scene
 from ..surface.album import TOLERANCE_OBJECT
 from ..surface.extract import Look, training_pixel
+from ..views.picture import mesh_depth
 from .atlas import Atlas, atlas_of, check_size, face_areas, surface_area, welded
 from .charts import GUTTER, charts_of
 from .density import local_pixel
@@ -103,9 +104,13 @@ def texture_of(
         focal = float(np.median([view.fx / max(view.width, view.height) for view in views]))
         wanted = FINER * _typical_depth(scene, views, back) / (focal * atlas.texel_size * unit)
         pixels = int(np.clip(min(wanted, np.sqrt(MOST_PIXELS / len(views))), *PIXELS))
-        pictures = Pictures.of(looks, pixels)
+        tolerance = (TOLERANCE_PLACE, 0.0)
+        if not scene.is_place:
+            radius, coarse = 0.5 * scene.diagonal * unit, COARSE * training_pixel(looks[0].splats)
+            tolerance = (0.0, max(TOLERANCE_OBJECT * radius, coarse))
+        pictures = Pictures.of(looks, pixels, mesh_depth(points, mesh.corners), tolerance)
     with stages.stage("texels"):
-        colors, unseen = _colors(scene, atlas, pictures, back, COARSE * training_pixel(looks[0].splats))
+        colors, unseen = _colors(scene, atlas, pictures, back, tolerance)
     return Texture(scene, atlas, colors, unseen, scale)
 
 
@@ -121,11 +126,9 @@ def _typical_depth(scene: Scene, views: Sequence, back: NDArray[np.float64]) -> 
 
 
 def _colors(
-    scene: Scene, atlas: Atlas, pictures: Pictures, back: NDArray[np.float64], coarse: float
+    scene: Scene, atlas: Atlas, pictures: Pictures, back: NDArray[np.float64], tolerance: tuple[float, float]
 ) -> tuple[NDArray[np.uint8], int]:
     nearness = NEARNESS_PLACE if scene.is_place else NEARNESS_OBJECT
-    radius = 0.5 * scene.diagonal * float(np.cbrt(abs(np.linalg.det(back[:3, :3]))))
-    tolerance = (TOLERANCE_PLACE, 0.0) if scene.is_place else (0.0, max(TOLERANCE_OBJECT * radius, coarse))
     points, vertex = scene.vertices @ back[:3, :3].T + back[:3, 3], scene.colors_srgb
     normals = scene.normals @ np.asarray(scene.scene_from_splat, np.float64)[:3, :3]  # by the inverse transpose
     colors, unseen = np.empty((len(atlas.texels), 3), np.uint8), 0

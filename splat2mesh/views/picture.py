@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from ..base.arrays import Faces, Floats, Points, Vector
+from ..base.arrays import Floats, Integers, Points, Vector
 from ..base.sphere import level_directions
 from ..render.beside import WIDTH
 from ..render.opacitygrid import BEFORE
@@ -53,7 +53,7 @@ def _candidates(eyes: Sequence[Eye], trained: Sequence[View], up: Vector) -> lis
     return [View.look_at(center, center + forward, up, FOV_DEG, CANDIDATE_PIXELS, rows) for center, forward in looks]
 
 
-def mesh_depth(vertices: Points, faces: Faces) -> Callable[[View], Floats]:
+def mesh_depth(vertices: Points, faces: Integers) -> Callable[[View], Floats]:
     """A function that gives the camera z (H, W) float32 of a mesh's first surface in a view; infinite without one."""
     caster = RayCaster(vertices, faces)
 

@@ -136,6 +136,20 @@ def test_opaque_wall_hides_what_is_behind():
     np.testing.assert_array_equal(both.depth_median, np.full((40, 48), 2.0))
 
 
+def test_a_tile_shows_what_lies_before_its_depth():
+    splats, view = scattered(300), View.look_at((0.5, 1, 2.5), (0, 0, 0), (0, 1, 0), 50, 80, 48)
+    whole, shown = rasterize(splats, view), np.arange(15) % 2 == 0
+    part = rasterize(splats, view, deepest=np.where(shown, np.inf, 0.0).astype(np.float32))
+    pixels = np.kron(shown.reshape(3, 5), np.ones((16, 16))) > 0
+    for name, empty in (("color", 0), ("alpha", 0), ("depth_median", np.nan)):
+        got, wanted = getattr(part, name), getattr(whole, name)
+        assert np.array_equal(got[pixels], wanted[pixels], equal_nan=True)  # every bit
+        assert np.array_equal(got[~pixels], np.full_like(got[~pixels], empty), equal_nan=True)
+    near, far = wall(2.0, color=0.2, opacity=0.3), wall(4.0, color=0.8)
+    cut = rasterize(joined(near, far), front_view(), deepest=np.full(9, 3, np.float32))
+    assert fields(cut) == fields(rasterize(near, front_view()))
+
+
 def test_one_colour_covers_the_image():
     color = np.array([0.25, 0.5, 0.75])
     seen = rasterize(wall(3.0, color=color), front_view())

@@ -13,6 +13,7 @@ from gltf_check import validator_issues
 from splat2mesh import convert
 from splat2mesh.base.errors import InputError
 from splat2mesh.options import ConvertOptions
+from splat2mesh.render.footprints import TILE
 from splat2mesh.render.view import View
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene
@@ -20,7 +21,9 @@ from splat2mesh.splats.formats import write_inria_ply
 from splat2mesh.surface.extract import EFFORTS, Effort, Look
 from splat2mesh.texture.density import local_pixel
 from splat2mesh.texture.glb import mesh_glb
+from splat2mesh.texture.projection import deepest_of
 from splat2mesh.texture.texture import texture_of
+from splat2mesh.views.picture import mesh_depth
 
 GREY = 90
 """Of the vertices, which no splat has."""
@@ -56,6 +59,17 @@ def test_each_texel_has_the_colour_of_the_splats_there(textured):
     for part, color in ((up > 0.4, RED), (up < -0.4, GREEN)):  # between them splats of both overlap
         off = np.abs(textured.colors[part] / 255 - color).max(axis=1)
         assert off.max() < 0.02  # rounding to bytes twice, and the balls within that show through by 3%
+
+
+def test_pictures_reach_as_deep_as_the_surface_that_they_show():
+    scene, view = ball_scene(), View.look_at([0, 0, -8.0], [0, 0, 0], [0, 1, 0], 40.0, 200)
+    deepest = deepest_of(view, mesh_depth(scene.vertices, scene.faces), (0.0, 0.1)).reshape(13, 13)
+    pixels, depth = view.project(scene.vertices)
+    column, row = (pixels // TILE).astype(int).T
+    back = view.center - scene.vertices
+    facing = (back * scene.normals).sum(axis=1) > 0.3 * np.linalg.norm(back, axis=1)  # a ray's spacing from the rim
+    assert (depth <= deepest[row, column])[facing].all()
+    assert deepest.max() < 8.0 + 0.1 and deepest[6, 6] < 8.0 - 0.8 * RADIUS and deepest[0, 0] == 0.0
 
 
 def test_the_division_into_chunks_changes_no_texel(textured):
