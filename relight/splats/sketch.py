@@ -6,7 +6,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from splat2mesh.base.arrays import Floats
+from splat2mesh.base.arrays import Floats, Indices
+from splat2mesh.base.kernels import kernel
+from splat2mesh.base.threads import shared
 from splat2mesh.splats.merging import covers, merged_at
 from splat2mesh.splats.splats import Splats
 from splat2mesh.surface.extract import merged_count
@@ -45,12 +47,25 @@ class Sketch:
         """Values (N, ...) of Gaussians as those of groups, (G, ...): each counts by its opacity times its area."""
         if self.group is None:
             return values
-        share = self._share.reshape(-1, *[1] * (values.ndim - 1))
-        return np.add.reduceat(share * values[self._order], self._starts, axis=0)
+        found = np.zeros((len(self), int(np.prod(values.shape[1:]))), np.float32)
+        _add(len(self), self._order, np.append(self._starts, len(values)), self._share, values.reshape(len(values), -1), found)
+        return found.reshape(-1, *values.shape[1:])
 
     def members(self, values: NDArray[Any]) -> NDArray[Any]:
         """Values (G, ...) of groups as those of each of their Gaussians, (N, ...)."""
         return values if self.group is None else values[self.group]
+
+
+@shared
+@kernel
+def _add(
+    begin: int, end: int, order: Indices, starts: Indices, share: Floats, values: Floats, found: Floats
+) -> None:
+    """Add to each group's row of `found`, (G, C), the values (N, C) of its members, by their shares in that order."""
+    for group in range(begin, end):
+        for at in range(starts[group], starts[group + 1]):
+            for channel in range(values.shape[1]):
+                found[group, channel] += share[at] * values[order[at], channel]
 
 
 def _cells(splats: Splats, size: float) -> NDArray[np.int64]:

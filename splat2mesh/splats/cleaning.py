@@ -36,8 +36,10 @@ def sound(splats: Splats) -> NDArray[np.bool_]:
 
 def _faults(splats: Splats) -> dict[str, NDArray[np.bool_]]:
     """Which splats have which fault, (N,) bool each."""
-    values = [getattr(splats, name) for name in NUMBERS]
-    finite = np.logical_and.reduce([np.isfinite(value).all(axis=tuple(range(1, value.ndim))) for value in values])
+    finite = np.ones(len(splats), bool)
+    for value in (getattr(splats, name) for name in NUMBERS):
+        if not np.isfinite([value.min(initial=0.0), value.max(initial=0.0)]).all():  # NaN passes through both
+            finite &= np.isfinite(value).all(axis=tuple(range(1, value.ndim)))
     with np.errstate(invalid="ignore"):
         largest = splats.scales.max(axis=1)
         too_large = (np.abs(splats.means).max(axis=1) > ABSURD_LENGTH) | (largest > ABSURD_LENGTH)

@@ -218,9 +218,9 @@ def _packed(splats: Splats, normals: NDArray[Any] | None) -> NDArray[np.float32]
     n = len(splats)
     rest = splats.sh[:, 1:].swapaxes(1, 2).reshape(n, -1)
     scale_log = np.log(np.maximum(splats.scales, np.finfo(np.float32).tiny))
-    columns = [splats.means, np.zeros((n, 3)) if normals is None else normals, splats.sh[:, 0], rest]
-    columns += [logit(splats.opacities)[:, None], scale_log, splats.quats_wxyz]
-    return np.hstack(columns).astype("<f4")
+    columns = [splats.means, np.zeros((n, 3), np.float32) if normals is None else normals.astype(np.float32)]
+    columns += [splats.sh[:, 0], rest, logit(splats.opacities)[:, None].astype(np.float32), scale_log]
+    return np.hstack([*columns, splats.quats_wxyz]).astype("<f4", copy=False)
 
 
 def _explain(ply: Ply, names: Mapping[str, str], missing: list[str]) -> str:
