@@ -47,9 +47,10 @@ class Sketch:
         """Values (N, ...) of Gaussians as those of groups, (G, ...): each counts by its opacity times its area."""
         if self.group is None:
             return values
-        found = np.zeros((len(self), int(np.prod(values.shape[1:]))), np.float32)
-        _add(len(self), self._order, np.append(self._starts, len(values)), self._share, values.reshape(len(values), -1), found)
-        return found.reshape(-1, *values.shape[1:])
+        found = np.zeros((len(self), *values.shape[1:]), np.float32)
+        starts, rows = np.append(self._starts, len(values)), values.reshape(len(values), -1)
+        _add(len(self), self._order, starts, self._share, rows, found.reshape(len(self), -1))
+        return found
 
     def members(self, values: NDArray[Any]) -> NDArray[Any]:
         """Values (G, ...) of groups as those of each of their Gaussians, (N, ...)."""
@@ -58,9 +59,7 @@ class Sketch:
 
 @shared
 @kernel
-def _add(
-    begin: int, end: int, order: Indices, starts: Indices, share: Floats, values: Floats, found: Floats
-) -> None:
+def _add(begin: int, end: int, order: Indices, starts: Indices, share: Floats, values: Floats, found: Floats) -> None:
     """Add to each group's row of `found`, (G, C), the values (N, C) of its members, by their shares in that order."""
     for group in range(begin, end):
         for at in range(starts[group], starts[group + 1]):
