@@ -73,6 +73,6 @@ def _cells(splats: Splats, size: float) -> NDArray[np.int64]:
     place = np.floor((splats.means - low) / np.float32(size)).astype(np.int64)
     x, y, _ = place.max(axis=0) + 1
     keys = place @ np.array([1, x, x * y])
-    wide = np.flatnonzero(splats.scales.max(axis=1) > size)
+    wide = np.flatnonzero(np.maximum.reduce([*splats.scales.T]) > size)
     keys[wide] = -1 - wide
     return keys
