@@ -171,8 +171,8 @@ class Binding:
 
     def drawn(self, splats: Splats | None = None) -> Splats:
         """The Splats of those pictures, with what depends on the view in others of the same rows, as all are read."""
-        sh = self.shown.sh[self._drawn] if splats is None else splats.sh[self.drawn_rows]
-        return replace(self.sketch.splats, sh=self.sketch.mean(sh))
+        sh, rows = (self.shown.sh, np.flatnonzero(self._drawn)) if splats is None else (splats.sh, self.drawn_rows)
+        return replace(self.sketch.splats, sh=self.sketch.mean(sh, rows))
 
     @property
     def carried(self) -> CarriedMesh:

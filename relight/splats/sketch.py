@@ -43,13 +43,15 @@ class Sketch:
         """The Gaussian of each group, without harmonics."""
         return self._splats if self.group is None else merged_at(self._splats.take(self._order), self._starts)
 
-    def mean(self, values: Floats) -> NDArray[Any]:
-        """Values (N, ...) of Gaussians as those of groups, (G, ...): each counts by its opacity times its area."""
+    def mean(self, values: Floats, rows: Indices | None = None) -> NDArray[Any]:
+        """Values (N, ...) of Gaussians as those of groups, (G, ...): each counts by its opacity times its area. rows:
+        (N,) where theirs stand among the values."""
         if self.group is None:
-            return values
+            return values if rows is None else values[rows]
+        order = self._order if rows is None else rows[self._order]
         found = np.zeros((len(self), *values.shape[1:]), np.float32)
-        starts, rows = np.append(self._starts, len(values)), values.reshape(len(values), -1)
-        _add(len(self), self._order, starts, self._share, rows, found.reshape(len(self), -1))
+        starts, flat = np.append(self._starts, len(order)), values.reshape(len(values), -1)
+        _add(len(self), order, starts, self._share, flat, found.reshape(len(self), -1))
         return found
 
     def members(self, values: NDArray[Any]) -> NDArray[Any]:
