@@ -98,7 +98,8 @@ def footprint_batches(splats: Splats, camera: Camera, open_tiles: Mask) -> Itera
     chunks = cores()  # pieces of a batch that threads bin independently
     for start in range(0, len(order), BATCH):
         batch = order[start : start + BATCH]
-        footprints, near = np.zeros(len(batch), FOOTPRINT), Gaussians(*(read_only(field[batch]) for field in gaussians))
+        near = Gaussians(*(read_only(field.take(batch, axis=0)) for field in gaussians))
+        footprints = np.zeros(len(batch), FOOTPRINT)
         counts = np.zeros((chunks, tiles), np.int64)
         _project(chunks, near, camera, open_tiles, footprints, counts, np.zeros((chunks, 16)), COUNT_ONLY)
         # Tile after tile, and within a tile chunk after chunk: so each tile's list keeps the depth order.
