@@ -215,54 +215,52 @@ def _draw(
 ) -> None:
     """Find for each texel of some rows the first face that holds its centre or else the nearest one within `reach`, its
     weights there, and the square of its distance."""
-    for beyond in (np.float32(0.0), reach):  # texels in faces are found first, so that few look for the nearest one
-        for f in range(len(faces)):
-            a, b, c = uv[faces[f, 0]], uv[faces[f, 1]], uv[faces[f, 2]]
-            ax, ay, bx, by = np.float64(a[0]), np.float64(a[1]), np.float64(b[0]), np.float64(b[1])
-            cx, cy = np.float64(c[0]), np.float64(c[1])
-            area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
-            if area == 0.0:
-                continue
-            top = max(int(np.ceil(min(ay, by, cy) - beyond - 0.5)), begin)
-            bottom = min(int(np.floor(max(ay, by, cy) + beyond - 0.5)), end - 1)
-            left = max(int(np.ceil(min(ax, bx, cx) - beyond - 0.5)), 0)
-            right = min(int(np.floor(max(ax, bx, cx) + beyond - 0.5)), best.shape[0] - 1)
-            for row in range(top, bottom + 1):
-                y = row + 0.5
-                for column in range(left, right + 1):
-                    if best[row, column] == 0.0:
-                        continue
-                    x, distance = column + 0.5, np.inf
-                    second: float = ((x - ax) * (cy - ay) - (y - ay) * (cx - ax)) / area
-                    third: float = ((bx - ax) * (y - ay) - (by - ay) * (x - ax)) / area
-                    first: float = 1.0 - second - third
-                    if first >= 0.0 and second >= 0.0 and third >= 0.0:
-                        best[row, column], face[row, column] = 0.0, f
-                        weights[row, column, 0], weights[row, column, 1] = first, second
-                        weights[row, column, 2] = third
-                        continue
-                    if beyond == 0.0:
-                        continue
-                    for side in range(3):
-                        if side == 0:
-                            px, py, qx, qy = ax, ay, bx, by
-                        elif side == 1:
-                            px, py, qx, qy = bx, by, cx, cy
-                        else:
-                            px, py, qx, qy = cx, cy, ax, ay
-                        ex, ey = qx - px, qy - py
-                        length = ex * ex + ey * ey
-                        along = ((x - px) * ex + (y - py) * ey) / length if length > 0.0 else 0.0
-                        along = min(max(along, 0.0), 1.0)
-                        away = (x - px - along * ex) ** 2 + (y - py - along * ey) ** 2
-                        if away < distance:
-                            distance = away
-                            first = 1.0 - along if side == 0 else (along if side == 2 else 0.0)
-                            second = along if side == 0 else (1.0 - along if side == 1 else 0.0)
-                            third = along if side == 1 else (1.0 - along if side == 2 else 0.0)
-                    # Rounding must not move a texel from the face it lies in to one beside it.
-                    distance = max(distance, 1e-12)
-                    if distance < best[row, column] and distance <= reach * reach:
-                        best[row, column], face[row, column] = distance, f
-                        weights[row, column, 0], weights[row, column, 1] = first, second
-                        weights[row, column, 2] = third
+    size = best.shape[0]
+    for f in range(len(faces)):
+        ax, ay = np.float64(uv[faces[f, 0], 0]), np.float64(uv[faces[f, 0], 1])
+        bx, by = np.float64(uv[faces[f, 1], 0]), np.float64(uv[faces[f, 1], 1])
+        cx, cy = np.float64(uv[faces[f, 2], 0]), np.float64(uv[faces[f, 2], 1])
+        top = max(int(np.ceil(min(ay, by, cy) - reach - 0.5)), begin)
+        bottom = min(int(np.floor(max(ay, by, cy) + reach - 0.5)), end - 1)
+        area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+        if area == 0.0 or top > bottom:
+            continue
+        left = max(int(np.ceil(min(ax, bx, cx) - reach - 0.5)), 0)
+        right = min(int(np.floor(max(ax, bx, cx) + reach - 0.5)), size - 1)
+        for row in range(top, bottom + 1):
+            y = row + 0.5
+            for column in range(left, right + 1):
+                if best[row, column] == 0.0:
+                    continue
+                x, distance = column + 0.5, np.inf
+                second: float = ((x - ax) * (cy - ay) - (y - ay) * (cx - ax)) / area
+                third: float = ((bx - ax) * (y - ay) - (by - ay) * (x - ax)) / area
+                first: float = 1.0 - second - third
+                if first >= 0.0 and second >= 0.0 and third >= 0.0:
+                    best[row, column], face[row, column] = 0.0, f
+                    weights[row, column, 0], weights[row, column, 1] = first, second
+                    weights[row, column, 2] = third
+                    continue
+                for side in range(3):
+                    if side == 0:
+                        px, py, qx, qy = ax, ay, bx, by
+                    elif side == 1:
+                        px, py, qx, qy = bx, by, cx, cy
+                    else:
+                        px, py, qx, qy = cx, cy, ax, ay
+                    ex, ey = qx - px, qy - py
+                    length = ex * ex + ey * ey
+                    along = ((x - px) * ex + (y - py) * ey) / length if length > 0.0 else 0.0
+                    along = min(max(along, 0.0), 1.0)
+                    away = (x - px - along * ex) ** 2 + (y - py - along * ey) ** 2
+                    if away < distance:
+                        distance = away
+                        first = 1.0 - along if side == 0 else (along if side == 2 else 0.0)
+                        second = along if side == 0 else (1.0 - along if side == 1 else 0.0)
+                        third = along if side == 1 else (1.0 - along if side == 2 else 0.0)
+                # Rounding must not move a texel from the face it lies in to one beside it.
+                distance = max(distance, 1e-12)
+                if distance < best[row, column] and distance <= reach * reach:
+                    best[row, column], face[row, column] = distance, f
+                    weights[row, column, 0], weights[row, column, 1] = first, second
+                    weights[row, column, 2] = third

@@ -26,8 +26,9 @@ def filled(
         levels.append(_halved(levels[-1]))
     means = np.zeros((channels, 1, 1), np.float32)
     for level in reversed(levels):
-        around, means = means, np.empty((channels, *level.shape[1:]), np.float32)
-        _mean(len(level[0]), level, around, means)
+        side = level.shape[-1]
+        around = means.repeat(2, axis=1).repeat(2, axis=2)[:, :side, :side]
+        means = np.where(level[-1] > 0.0, level[:-1] / np.maximum(level[-1], 1.0), around)
     shown = (means if values.dtype.kind == "f" else np.rint(means)).astype(values.dtype)
     image = np.empty((size, size, channels), values.dtype)
     bits = f"u{values.dtype.itemsize}"  # a kernel knows no half floats
@@ -54,20 +55,6 @@ def _sum(begin: int, end: int, texels: Indices, ends: Indices, values: Floats, s
             for channel in range(values.shape[1]):
                 sums[channel, row, column] += values[t, channel]
             sums[-1, row, column] += np.float32(1.0)
-
-
-@shared
-@kernel
-def _mean(begin: int, end: int, level: Floats, around: Floats, means: Floats) -> None:
-    """Means (C, H, H) of sums (C + 1, H, H), and where nothing was added those around, of blocks twice as wide."""
-    for channel in range(len(means)):
-        for row in range(begin, end):
-            for column in range(means.shape[2]):
-                count = level[-1, row, column]
-                if count > 0.0:
-                    means[channel, row, column] = level[channel, row, column] / count
-                else:
-                    means[channel, row, column] = around[channel, row // 2, column // 2]
 
 
 @shared
