@@ -166,7 +166,10 @@ class SceneGloss:
 
     @cached_property
     def _key(self) -> tuple[str, int]:
-        return array_key(self._splats.means, self._splats.sh, self._scene.colors_srgb), self._seed
+        source = self._scene.source  # of its files the splats are, to the byte
+        files = [source, *source.get("objects", ())]
+        text = repr([[each.get(name) for name in ("sha256", "lod", "scene_from_splat")] for each in files])
+        return array_key(np.frombuffer(text.encode(), np.uint8), self._scene.colors_srgb), self._seed
 
     @cached_property
     def _kept(self) -> PatchFits | None:

@@ -27,6 +27,7 @@ from ..insert.asked import asked_inserts
 from ..lamps.placing import asked_lamps, in_brief
 from ..light.captured_light import light_file
 from ..light.environment import Environment
+from ..light.skies import BUILTIN
 from ..splats.lit_part import fields_of
 
 if TYPE_CHECKING:
@@ -237,7 +238,8 @@ def _described(source: Any) -> Any:
         }
     if isinstance(source, (str, os.PathLike)) and (os.path.isfile(source) or (Path(source) / _SCENE).is_file()):
         return {"name": Path(source).name, **_described_scene(source)}
-    return {"name": str(source).lower()}
+    name = str(source)
+    return {"name": name.lower() if name.lower() in BUILTIN else name}  # of a sky in any case, of a part in its own
 
 
 def _described_scene(scene: Any) -> Any:

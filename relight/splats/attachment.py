@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Directions, Faces, Floats, Indices, Integers, Points
 from splat2mesh.base.errors import InputError
-from splat2mesh.base.threads import in_batches
+from splat2mesh.base.kernels import kernel
+from splat2mesh.base.threads import in_batches, shared
 from splat2mesh.render.raycaster import RayCaster, corner_weights
 from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.splats import Splats
@@ -218,11 +219,7 @@ class Places:
         """(M, C) float32 of nodes -> (N, C) float32 of Gaussians."""
         patches = Patches.of(self._surface, values)
         result = np.zeros((len(self.far), values.shape[1]), np.float32)
-
-        def mix(rows: slice) -> None:
-            result[rows] = np.einsum("nk,nkc->nc", self.weights[rows], values[self.columns[rows]])
-
-        in_batches(mix, len(result))
+        _mix(len(result), self.columns, self.weights, np.ascontiguousarray(values, np.float32), result)
         lost = np.flatnonzero(self.far > 1e-3)  # less than that is no step of a display
 
         def fade(part: slice) -> None:
@@ -231,6 +228,16 @@ class Places:
 
         in_batches(fade, len(lost))
         return result
+
+
+@shared
+@kernel
+def _mix(begin: int, end: int, columns: Integers, weights: Floats, values: Floats, result: Floats) -> None:
+    """Add to the result (N, C) the values (M, C) of the columns (N, 9), by their weights."""
+    for row in range(begin, end):
+        for k in range(columns.shape[1]):
+            for channel in range(values.shape[1]):
+                result[row, channel] += weights[row, k] * values[columns[row, k], channel]
 
 
 def _checked(

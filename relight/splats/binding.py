@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from splat2mesh.base.arrays import Floats, Mask, Radiance
+from splat2mesh.base.arrays import Floats, Integers, Mask, Radiance
 from splat2mesh.base.errors import DataWarning, InputError
+from splat2mesh.base.kernels import kernel
 from splat2mesh.render.view import View
 from splat2mesh.scene.color import linear_from_srgb
 from splat2mesh.scene.scene import Scene
@@ -95,7 +96,6 @@ class Binding:
             return self
         rows = np.cumsum(self.lit)[mirror.rows] - 1
         self._mirrored = MirroredPlaces(mirror, self.surface, scene, self.shown, rows)
-        self._taken = self._taken | self._mirrored.reached(len(self.surface.points))
         if self._looks is None:
             return self
         below = np.zeros((len(self.shown), 3), np.float32)
@@ -142,15 +142,12 @@ class Binding:
         looks = "known" in kept
         self._looks = Looks.restored(kept, count, self.surface) if looks else None
         self._wide = Neighborhoods(self.surface.points, self._volume, self._asked(), kept["near"])
-        self._taken = kept["taken"]
-        if self._taken.dtype != bool or self._taken.shape != (len(self.surface.points),):
-            raise InputError("kept places are on another mesh")
         return self
 
     def _arrays(self) -> dict[str, NDArray[Any]]:
         places = self.places
         arrays = {name: getattr(places, name) for name in ("columns", "weights", "far")}
-        arrays |= {"near": self._wide.near, "taken": self._taken}
+        arrays["near"] = self._wide.near
         return arrays if self._looks is None else arrays | self._looks.arrays(self.surface)
 
     def _sketched(self, from_afar: bool) -> Sketch:
@@ -174,8 +171,8 @@ class Binding:
 
     def drawn(self, splats: Splats | None = None) -> Splats:
         """The Splats of those pictures, with what depends on the view in others of the same rows, as all are read."""
-        sh = self.shown.sh[self._drawn] if splats is None else splats.sh[self.drawn_rows]
-        return replace(self.sketch.splats, sh=self.sketch.mean(sh))
+        sh, rows = (self.shown.sh, np.flatnonzero(self._drawn)) if splats is None else (splats.sh, self.drawn_rows)
+        return replace(self.sketch.splats, sh=self.sketch.mean(sh, rows))
 
     @property
     def carried(self) -> CarriedMesh:
@@ -195,8 +192,10 @@ class Binding:
     @cached_property
     def _taken(self) -> Mask:
         """(M,) bool: the nodes of those vertices."""
-        columns, weights = self.places.columns[self._drawn], self.places.weights[self._drawn]
-        return np.bincount(columns.ravel(), weights.ravel(), len(self.surface.points)) > LEAST_USE
+        use = np.zeros(len(self.surface.points))
+        _add_weights(self.places.columns, self.places.weights, self._drawn, use)
+        taken = use > LEAST_USE
+        return taken if self._mirrored is None else taken | self._mirrored.reached(len(taken))
 
     def _asked(self) -> Mask | None:
         """(M,) bool: the nodes whose light is used; None without a volume."""
@@ -323,6 +322,15 @@ class Binding:
             eyes = [Eye(back[:3, :3] @ eye + back[:3, 3], self._near) for eye in np.asarray(standing, np.float64)]
             return around(eyes[:EYES], PIXELS, up / np.linalg.norm(up))[0]
         return virtual_views(sketch, VIEWS, PIXELS, up / np.linalg.norm(up), seed)
+
+
+@kernel
+def _add_weights(columns: Integers, weights: Floats, drawn: Mask, use: NDArray[np.float64]) -> None:
+    """Add to the use (M,) of each node the weights (N, 9) that drawn splats give it."""
+    for splat in range(len(drawn)):
+        if drawn[splat]:
+            for k in range(columns.shape[1]):
+                use[columns[splat, k]] += weights[splat, k]
 
 
 def _key(splats: Splats, scene: Scene, volume: Floats) -> str:

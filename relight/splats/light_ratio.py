@@ -13,6 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from splat2mesh.base.arrays import Floats, Radiance
 from splat2mesh.base.errors import InputError
+from splat2mesh.base.kernels import kernel
+from splat2mesh.base.threads import shared
 from splat2mesh.scene.color import BLACK, linear_from_srgb, srgb_from_linear
 from splat2mesh.splats.splats import SH_C0
 
@@ -110,12 +112,21 @@ def relit_sh(
     that no highlight stays lit in a shadow, but by no more than the scene's mean gain, since brightening it in a place
     that was dark amplifies noise.
     """
-    result = sh.copy()
+    result = np.empty_like(sh)
     offset = np.float32((0.5 + CURVE_OFFSET) / SH_C0)
-    result[:, 0] += np.expm1(logs) * (sh[:, 0] + offset)
-    if sh.shape[1] > 1:
-        result[:, 1:] *= np.exp(np.minimum(logs, np.maximum(mean, np.float32(0.0))))[:, None]
+    result[:, 0] = sh[:, 0] + np.expm1(logs) * (sh[:, 0] + offset)
+    _scale_rest(len(sh), sh, np.exp(np.minimum(logs, np.maximum(mean, np.float32(0.0)))), result)
     return result
+
+
+@shared
+@kernel
+def _scale_rest(begin: int, end: int, sh: Floats, gains: Floats, result: Floats) -> None:
+    """All coefficients (N, K, 3) but the constant ones, times the gains (N, 3)."""
+    for splat in range(begin, end):
+        for k in range(1, sh.shape[1]):
+            for color in range(3):
+                result[splat, k, color] = sh[splat, k, color] * gains[splat, color]
 
 
 def without_clipping(

@@ -6,7 +6,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from splat2mesh.base.arrays import Floats
+from splat2mesh.base.arrays import Floats, Indices
+from splat2mesh.base.kernels import kernel
+from splat2mesh.base.threads import shared
 from splat2mesh.splats.merging import covers, merged_at
 from splat2mesh.splats.splats import Splats
 from splat2mesh.surface.extract import merged_count
@@ -41,16 +43,30 @@ class Sketch:
         """The Gaussian of each group, without harmonics."""
         return self._splats if self.group is None else merged_at(self._splats.take(self._order), self._starts)
 
-    def mean(self, values: Floats) -> NDArray[Any]:
-        """Values (N, ...) of Gaussians as those of groups, (G, ...): each counts by its opacity times its area."""
+    def mean(self, values: Floats, rows: Indices | None = None) -> NDArray[Any]:
+        """Values (N, ...) of Gaussians as those of groups, (G, ...): each counts by its opacity times its area. rows:
+        (N,) where theirs stand among the values."""
         if self.group is None:
-            return values
-        share = self._share.reshape(-1, *[1] * (values.ndim - 1))
-        return np.add.reduceat(share * values[self._order], self._starts, axis=0)
+            return values if rows is None else values[rows]
+        order = self._order if rows is None else rows[self._order]
+        found = np.zeros((len(self), *values.shape[1:]), np.float32)
+        starts, flat = np.append(self._starts, len(order)), values.reshape(len(values), -1)
+        _add(len(self), order, starts, self._share, flat, found.reshape(len(self), -1))
+        return found
 
     def members(self, values: NDArray[Any]) -> NDArray[Any]:
         """Values (G, ...) of groups as those of each of their Gaussians, (N, ...)."""
         return values if self.group is None else values[self.group]
+
+
+@shared
+@kernel
+def _add(begin: int, end: int, order: Indices, starts: Indices, share: Floats, values: Floats, found: Floats) -> None:
+    """Add to each group's row of `found`, (G, C), the values (N, C) of its members, by their shares in that order."""
+    for group in range(begin, end):
+        for at in range(starts[group], starts[group + 1]):
+            for channel in range(values.shape[1]):
+                found[group, channel] += share[at] * values[order[at], channel]
 
 
 def _cells(splats: Splats, size: float) -> NDArray[np.int64]:
@@ -59,6 +75,6 @@ def _cells(splats: Splats, size: float) -> NDArray[np.int64]:
     place = np.floor((splats.means - low) / np.float32(size)).astype(np.int64)
     x, y, _ = place.max(axis=0) + 1
     keys = place @ np.array([1, x, x * y])
-    wide = np.flatnonzero(splats.scales.max(axis=1) > size)
+    wide = np.flatnonzero(np.maximum.reduce([*splats.scales.T]) > size)
     keys[wide] = -1 - wide
     return keys

@@ -60,9 +60,10 @@ class Baked:
             for given, name in ((known.irradiance, "irradiance"), (known.albedo, "albedo"))
         )
         found = np.empty((len(captured), 3), np.float16)
+        linear = linear_from_srgb(np.arange(256, dtype=np.float32) / np.float32(255.0))
         for start in range(0, len(captured), ROWS_AT_ONCE):
             rows = slice(start, start + ROWS_AT_ONCE)
-            part = linear_from_srgb(captured[rows] / np.float32(255.0))
+            part = linear[captured[rows]]
             if albedo is not None:
                 part = atlas.interpolate(albedo, rows)
             elif irradiance is not None and known.prior is not None:

@@ -103,9 +103,10 @@ def footprint_batches(
     chunks = cores()  # pieces of a batch that threads bin independently
     for start in range(0, len(order), BATCH):
         batch = order[start : start + BATCH]
+        near = Gaussians(*(read_only(field.take(batch, axis=0)) for field in gaussians))
         footprints = np.zeros(len(batch), FOOTPRINT)
         counts = np.zeros((chunks, tiles), np.int64)
-        _project(chunks, gaussians, camera, batch, open_tiles, footprints, counts, np.zeros((chunks, 16)), COUNT_ONLY)
+        _project(chunks, near, camera, open_tiles, footprints, counts, np.zeros((chunks, 16)), COUNT_ONLY)
         # Tile after tile, and within a tile chunk after chunk: so each tile's list keeps the depth order.
         ends = counts.T.ravel().cumsum()
         cursors = np.ascontiguousarray((ends - counts.T.ravel()).reshape(tiles, chunks).T)
@@ -194,22 +195,21 @@ def _project(
     end: int,
     gaussians: Gaussians,
     camera: Camera,
-    order: Indices,
     open_tiles: Mask,
     footprints: NDArray[np.void],
     counts: Integers,
     basis: Floats,
     entries: Integers,
 ) -> None:
-    """Footprints of the splats order[i], and how many of each chunk touch each open tile: (chunks, tiles). basis:
-    (chunks, 16), room for harmonics. entries: none, as nothing is listed yet."""
-    chunks, n = counts.shape[0], len(order)
+    """Footprints of splats, and how many of each chunk touch each open tile: (chunks, tiles). basis: (chunks, 16), room
+    for harmonics. entries: none, as nothing is listed yet."""
+    chunks, n = counts.shape[0], len(footprints)
     for chunk in range(begin, end):
         for i in range(chunk * n // chunks, (chunk + 1) * n // chunks):
             s = footprints[i]
-            _project_one(camera, gaussians, order[i], s)
+            _project_one(camera, gaussians, i, s)
             if _bin_one(s, i, camera, open_tiles, counts[chunk], entries):
-                _color_one(camera, gaussians, order[i], basis[chunk], s)
+                _color_one(camera, gaussians, i, basis[chunk], s)
 
 
 @shared

@@ -48,5 +48,7 @@ def merged_at(splats: Splats, starts: Integers) -> Splats:
 
 def covers(splats: Splats) -> NDArray[np.float64]:
     """(N,) opacity times area of each, which is what it weighs; never zero."""
-    area = np.sort(splats.scales.astype(np.float64), axis=1)[:, 1:].prod(axis=1)
+    x, y, z = splats.scales.T.astype(np.float64)
+    less, more = np.minimum(x, y), np.maximum(x, y)
+    area = np.maximum(more, z) * np.maximum(less, np.minimum(more, z))  # of the two longer axes
     return np.maximum(splats.opacities * area, 1e-300)

@@ -137,10 +137,14 @@ class Splats:
         """Return the splats at some rows, in that order: themselves where these are all rows as they are. rows:
         indices, a slice, or an (N,) boolean mask."""
         every = np.arange(len(self))
-        if np.array_equal(every[rows], every):
+        index = every[rows]
+        if np.array_equal(index, every):
             return self
-        names = [name for name in (*NUMBERS, "environment") if getattr(self, name) is not None]
-        return replace(self, **{name: getattr(self, name)[rows] for name in names})
+        given = {name: getattr(self, name) for name in (*NUMBERS, "environment") if getattr(self, name) is not None}
+        if isinstance(rows, slice):
+            return replace(self, **{name: values[rows] for name, values in given.items()})
+        # `take` copies rows of few numbers in a third of the time of brackets.
+        return replace(self, **{name: values.take(index, axis=0) for name, values in given.items()})
 
     def in_spatial_order(self) -> "Splats":
         """Return the same splats in the order of `spatial_order`. Means must be finite."""

@@ -17,7 +17,7 @@ from ..base.arrays import Faces, Floats, Integers, Mask, Points
 from ..base.choices import LARGEST_TEXTURE, SMALLEST_TEXTURE
 from ..base.errors import InputError
 from ..base.kernels import kernel
-from ..base.threads import in_slices
+from ..base.threads import in_slices, read_only, shared
 from .fill import filled
 
 if TYPE_CHECKING:
@@ -53,9 +53,9 @@ class Atlas:
 
     def interpolate(self, values: Floats, rows: slice = slice(None)) -> NDArray[np.float32]:
         """Values of scene vertices at the texels, or some of them: (V, C) -> (T, C) float32."""
-        corners, weights = self._corners[self.face[rows]], self.weights[rows]
-        a, b, c = (weights[:, k, None] * values[corners[:, k]].astype(np.float32) for k in range(3))
-        return np.asarray(a + b + c)
+        found = np.empty((len(self.face[rows]), values.shape[1]), np.float32)
+        _mix(len(found), self._corners, self.face[rows], self.weights[rows], read_only(values), found)
+        return found
 
     def image(self, values: NDArray[Any]) -> NDArray[Any]:
         """Values of texels as an image: (T, C) -> (size, size, C); every other texel has what is around it."""
@@ -187,6 +187,19 @@ def face_areas(points: Points, faces: Integers) -> NDArray[np.float64]:
     """Areas of faces (F, 3), (F,) float64, in the squared unit of the points (V, 3)."""
     a, b, c = (points[corner].astype(np.float64) for corner in faces.T)
     return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2)
+
+
+@shared
+@kernel
+def _mix(
+    begin: int, end: int, corners: Integers, face: Integers, weights: Floats, values: Floats, found: Floats
+) -> None:
+    """Values (V, C) of the corners (F, 3) of the faces (T,), by their weights (T, 3): (T, C)."""
+    for t in range(begin, end):
+        a, b, c = corners[face[t]]
+        for channel in range(values.shape[1]):
+            two = weights[t, 0] * values[a, channel] + weights[t, 1] * values[b, channel]
+            found[t, channel] = two + weights[t, 2] * values[c, channel]
 
 
 @kernel

@@ -163,7 +163,7 @@ def row_type(names: Iterable[str], double: bool = False) -> np.dtype:
     return np.dtype([(name, "<f8" if double and name in _CENTER else "<f4") for name in names])
 
 
-def _blocks(splats: Splats, normals: NDArray[Any] | None = None) -> Iterator[bytes]:
+def _blocks(splats: Splats, normals: NDArray[Any] | None = None) -> Iterator[bytes | memoryview]:
     names, double = properties_of(splats.sh.shape[1]), splats.facts.offset != HERE
     yield header_of(len(splats), names, splats.facts, double)
     for start in range(0, len(splats), ROWS_AT_ONCE):
@@ -176,7 +176,7 @@ def _blocks(splats: Splats, normals: NDArray[Any] | None = None) -> Iterator[byt
             for name, mean, away in zip(_CENTER, splats.means[rows].T, splats.facts.offset, strict=True):
                 part[name] = mean.astype(np.float64) + away
             packed = part
-        yield packed.tobytes()
+        yield packed.data
 
 
 def coefficients(path: str | os.PathLike[str], names: Iterable[str]) -> tuple[int, int]:
@@ -215,12 +215,15 @@ def gather(
 
 
 def _packed(splats: Splats, normals: NDArray[Any] | None) -> NDArray[np.float32]:
-    n = len(splats)
-    rest = splats.sh[:, 1:].swapaxes(1, 2).reshape(n, -1)
-    scale_log = np.log(np.maximum(splats.scales, np.finfo(np.float32).tiny))
-    columns = [splats.means, np.zeros((n, 3)) if normals is None else normals, splats.sh[:, 0], rest]
-    columns += [logit(splats.opacities)[:, None], scale_log, splats.quats_wxyz]
-    return np.hstack(columns).astype("<f4")
+    n, rest = len(splats), splats.sh.shape[1] - 1
+    packed = np.zeros((n, len(properties_of(rest + 1))), "<f4")
+    packed[:, :3], packed[:, 6:9] = splats.means, splats.sh[:, 0]
+    if normals is not None:
+        packed[:, 3:6] = normals
+    packed[:, 9:-8].reshape(n, 3, rest)[:] = splats.sh[:, 1:].swapaxes(1, 2)  # a view of these columns
+    packed[:, -8], packed[:, -4:] = logit(splats.opacities), splats.quats_wxyz
+    packed[:, -7:-4] = np.log(np.maximum(splats.scales, np.finfo(np.float32).tiny))
+    return packed
 
 
 def _explain(ply: Ply, names: Mapping[str, str], missing: list[str]) -> str:

@@ -21,6 +21,7 @@ from PIL.WebPImagePlugin import WebPImageFile
 
 from ...base.errors import InputError
 from ...base.inputs import FREE, GIB, LARGEST_TEXT, check_count, file_size, inside, loads
+from ...base.threads import ROWS_AT_ONCE
 from ..facts import FileFacts
 from ..splats import DEGREE_OF_COEFFICIENTS, Splats
 from .encoding import restore_largest, sigmoid
@@ -195,4 +196,9 @@ def _with_rest(images: _Images, meta: dict[str, Any], dc: NDArray[np.float32]) -
     labels = labels[:, 0] | labels[:, 1] << 8
     if labels.max() >= len(palette):
         raise InputError(f"{images.path}: a splat uses entry {labels.max()} of the shN palette of {len(palette)}")
-    return np.concatenate([dc[:, None], palette[labels]], axis=1)
+    sh = np.empty((len(dc), rest + 1, 3), np.float32)
+    sh[:, 0] = dc
+    for start in range(0, len(sh), ROWS_AT_ONCE):
+        rows = slice(start, start + ROWS_AT_ONCE)
+        sh[rows, 1:] = palette[labels[rows]]
+    return sh

@@ -172,6 +172,12 @@ def test_settings_are_json_and_the_same_for_what_means_the_same(tmp_path):
     assert {each.name for each in fields(LightingOptions)} <= first.keys()
 
 
+@pytest.mark.parametrize("field", ["only", "keep", "parts"])
+def test_parts_whose_names_differ_by_case_are_other_parts(field):
+    first, other = (settings_of(asked(**{field: [name]}), "noon", 0.0) for name in ("object:Vase", "object:vase"))
+    assert first[field] != other[field] and {**first, field: other[field]} == other
+
+
 def test_overwrite_replaces_what_it_writes_and_deletes_nothing(relight, tmp_path):
     assert relight("--format", "npy,ply")[0] == 0
     out = tmp_path / "out"
