@@ -48,7 +48,7 @@ class LightingOptions:
 
     method: "raytraced"; "neural-gash" (the paper's network: position and normal, three bands, shadows guessed);
         "analytic" (no shadows); "blinn-phong" (lamps without shadows, the baseline); "auto": raytraced, or analytic
-        where no effects are wanted.
+        where no effects are wanted or needed.
     bands, rays, seed: SH bands 1..10; rays per vertex; seed of their directions.
     effects: "auto", "none", or some of shadows, sun, bounces, volume, gloss, as names or as text with commas; kept as
         "auto" or a frozenset. With "auto", light bounces if there is an albedo: in an all-white scene it would never

@@ -141,8 +141,10 @@ class Choice:
             rows.append(("bands", self._truncation(settings), f"{settings.bands} kept"))
             rows.append(("rays", self._noise(settings), f"{settings.rays} traced"))
         else:
-            plain = measured.open_truncation(settings.bands)
-            rows += [(SUN, plain, "skipped"), ("bands", plain, f"{settings.bands} kept")]
+            plain, count = measured.open_truncation(settings.bands), self.sun_count(settings)
+            rows.append((SUN, plain, f"split into {count}" if settings.sun_tolerance else "skipped"))
+            left = measured.open_truncation(settings.bands, self._rest(settings))
+            rows.append(("bands", left, f"{settings.bands} kept"))
         if self._leaves is not None:
             leaves = (
                 f"{settings.volume} directions for {self._leaves.vertices:,} vertices, {self._leaves.seconds:.2f} s"
@@ -172,9 +174,13 @@ class Choice:
 
     def _analytic(self) -> Iterator[Settings]:
         """Settings without rays, where none are requested."""
-        if self._method == "analytic" or (self._effects is not None and not self._effects):
+        leafy = self._leaves is not None and self._leaves.directions  # there is no light through leaves without shadows
+        if self._method in (None, "analytic") and not self._effects and not leafy:
             for bands in BANDS if self._bands is None else (self._bands,):
                 yield Settings("analytic", bands)
+                if self._method is None and self._effects is None:
+                    # A convex scene has a sun but no shadows.
+                    yield from (Settings("analytic", bands, sun_tolerance=each) for each in self._sun_choices() if each)
 
     def _sun_choices(self) -> list[float]:
         found = list(self._splits)
@@ -200,6 +206,7 @@ class Choice:
             self.sun_count(settings),
             sample.traced_share,
             there,
+            sample.unsure,
         )
         once += self._leaves.seconds if self._leaves and settings.volume and not there[0] else 0.0
         return Candidate(once + self._angles * each, error, settings)
@@ -218,7 +225,8 @@ class Choice:
         if settings.rays:
             parts.append(self._truncation(settings))
         else:
-            parts += [measured.shadows, measured.open_truncation(settings.bands)]
+            open_truncation = measured.open_truncation(settings.bands, self._rest(settings))
+            parts += [measured.shadows, open_truncation]
         return math.hypot(*parts, self._splits[settings.sun_tolerance].width)
 
     def of_bounces(self, settings: Settings) -> tuple[float, float]:

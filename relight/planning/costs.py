@@ -6,13 +6,14 @@ far as the ratio of NumPy to Embree does. `scripts/bench frontier` prints predic
 
 import math
 
+from ..transfer import consensus
 from ..transfer.bounce_blend import STRATIFIED
 from ..transfer.filtering import NOISE, NOISE_POWER, steps_for
 from ..transfer.settings import Settings
 
 # Of a vertex, in shadow rays.
 RAY = 1.0  # that is traced, for shadows or for bounces
-DIRECTION = 0.1  # of each ray: its direction, and its sums in few bands
+DIRECTION = 0.1  # of each ray, traced or predicted: its direction, and its sums in few bands
 RAY_COEFFICIENT = 0.0016  # per ray and coefficient, in the sums
 VERTEX = 9.0  # neighbours, and what is done once
 COEFFICIENT = 0.24  # averaging and completing, per coefficient
@@ -54,15 +55,18 @@ def seconds(
     suns: int,
     traced_share: float = 1.0,
     there: tuple[bool, bool] = (False, False),
+    unsure: float = 1.0,
 ) -> tuple[float, float]:
     """(once, each): seconds for the scene, and for every light or angle; suns are found by then.
 
     traced_share: of the vertices, that light is traced for. there: whether transfer and bounces are there already.
+    unsure: share of the rays that are traced, where neighbours do not agree on the others.
     """
     coefficients, traced = settings.bands**2, traced_share * vertices
     rays, once = shadowed_vertices * settings.rays, CALLS + LIGHT_COEFFICIENT * settings.bands**2
     if settings.rays and not there[0]:
-        once += rays * (RAY + DIRECTION + RAY_COEFFICIENT * coefficients)
+        shot = RAY * (unsure if consensus.worth(settings.rays, shadowed_vertices) else 1.0)
+        once += rays * (shot + DIRECTION + RAY_COEFFICIENT * coefficients)
         once += (VERTEX + COEFFICIENT * coefficients) * vertices
     if not there[1]:
         once += RAY * settings.bounce_rays * traced
@@ -74,7 +78,8 @@ def noise(rays: int, bands: int) -> float:
     """Standard deviation of one coefficient for a vertex that sees half of the sky in patches: times sqrt(f (1 - f)).
 
     The law of `filtering` for single vertices, and what averaging over neighbours leaves of it, which was fitted to
-    five meshes (scripts/bench rays): .38 with 8 rays, all of it with a thousand.
+    five meshes (scripts/bench rays): .38 with 8 rays, all of it with a thousand. Where neighbours predict some
+    of the rays there is up to a tenth more of it (`scripts/bench rays --spare`), which the check finds.
     """
     left = min(max(0.19 * rays**0.31 * (3.0 / bands) ** 0.17, 0.38), 1.0) if steps_for(rays, bands) else 1.0
     return math.sqrt(NOISE * rays**NOISE_POWER) * left

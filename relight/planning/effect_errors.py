@@ -3,6 +3,7 @@
 All are relative L2 of exit radiance over vertices and colours, the largest over TURNS rotations of the light.
 """
 
+import math
 from functools import cached_property
 from typing import Any
 
@@ -17,7 +18,7 @@ from ..sh.harmonics import MAX_BANDS
 from . import cells
 from .costs import FOLLOWED
 from .paths import Bounced
-from .sample import Sample
+from .sample import SCAN_VERTICES, Sample
 from .sun_widths import width_error
 
 DARK = 1e-3
@@ -29,8 +30,8 @@ CLOSER = 4
 needles, was most of what rays were blamed for, and no number of them made it less."""
 
 
-WIDE_PART, WIDE_MOST = 16, 4096
-"""One vertex in so many, but at most so many, show the error of suns as points, and that of bounced light. In a
+WIDE_PART = 16
+"""One vertex in so many, but at most SCAN_VERTICES, show the error of suns as points, and that of bounced light. In a
 room that the sun enters through a window, 384 vertices gave .006 for .028."""
 
 
@@ -63,17 +64,24 @@ class EffectErrors:
 
     @cached_property
     def shadows(self) -> float:
-        """Error of leaving out the shadows."""
+        """Error of leaving out the shadows.
+
+        By the sample, and by the scan: what that finds hidden counts as much as the sample's hidden light does.
+        """
         missing = self._norm(self._through(self.sample.open, self._light) - self._full)
-        return float((missing / self.total).max())
+        return max(float((missing / self.total).max()), self.sample.hidden * self._ambience)
 
     def truncation(self, bands: int, image: Radiance | None = None) -> float:
         """Error of keeping only so many bands: of all the light, or of an `image` of the rest beside suns."""
         return self._rest(image)[2][bands - 1]
 
-    def open_truncation(self, bands: int) -> float:
-        """Error of keeping only so many bands of all the light, on a scene without shadows."""
-        return self._open_losses[bands - 1]
+    def open_truncation(self, bands: int, image: Radiance | None = None) -> float:
+        """Like `truncation`, on a scene without shadows."""
+        key = "open", id(image)
+        if key not in self._known:
+            light, coefficients = self._rest(image)[:2]
+            self._known[key] = self._losses(self._through(self.sample.open, light), self._open_transfer, coefficients)
+        return self._known[key][bands - 1]
 
     def ray_noise(self, deviation: float, bands: int, image: Radiance | None = None) -> float:
         """Error of radiance when every coefficient of a half hidden vertex is off by `deviation`."""
@@ -118,7 +126,7 @@ class EffectErrors:
 
     @property
     def _wide(self) -> int:
-        return min(WIDE_MOST, max(len(self.sample.rows), len(self.sample.occluder.origins) // WIDE_PART))
+        return min(SCAN_VERTICES, max(len(self.sample.rows), len(self.sample.occluder.origins) // WIDE_PART))
 
     def look_closer(self) -> bool:
         """Have `check` know the sample by CLOSER times as many directions; False where it does already."""
@@ -133,10 +141,17 @@ class EffectErrors:
         return self._rest(image)[1]
 
     @cached_property
-    def _open_losses(self) -> list[float]:
-        light, coefficients = self._rest(None)[:2]
-        transfer = self.sample.open.astype(np.float64) @ self._basis
-        return self._losses(self._through(self.sample.open, light), transfer, coefficients)
+    def _open_transfer(self) -> NDArray[np.float64]:
+        return self.sample.open.astype(np.float64) @ self._basis
+
+    @cached_property
+    def _ambience(self) -> float:
+        """Hidden light of the sample over the hidden share of an even sky, at least 1; 1 where nothing is hidden."""
+        hidden = self.sample.open - self.sample.seen
+        even = math.sqrt(float(self.sample.mean_square(hidden.sum(axis=1, keepdims=True))))
+        if not even > 0.0:
+            return 1.0
+        return max(1.0, float((self._norm(self._through(hidden, self._light)) / self.total).max()) / even)
 
     def _rest(
         self, image: Radiance | None

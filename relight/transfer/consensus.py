@@ -37,8 +37,14 @@ HIDDEN, UNSURE = np.uint8(1), np.uint8(2)
 """What a block knows of a cell of directions; 0 where it is free."""
 
 
-def hidden_rays(occluder: Occluder, shot: NDArray[np.float32]) -> Mask:
-    """Which of the rays (N, R, 6) of vertices, in the order of a curve through space, something hides: (N, R) bool.
+def worth(rays: int, vertices: int) -> bool:
+    """Whether so many rays of each of so many vertices are enough to leave some untraced."""
+    return rays >= LEAST_RAYS and vertices >= LEAST_VERTICES
+
+
+def hidden_rays(occluder: Occluder, shot: NDArray[np.float32]) -> tuple[Mask, int]:
+    """Which of the rays (N, R, 6) of vertices, in the order of a curve through space, something hides, (N, R) bool, and
+    how many of them were traced.
 
     Blocks begin at the first vertex: calls for whole BLOCKs give what one call for all of them does.
     """
@@ -64,7 +70,7 @@ def hidden_rays(occluder: Occluder, shot: NDArray[np.float32]) -> Mask:
     asked, hidden = found == UNSURE, found == HIDDEN
     if asked.any():
         hidden[asked] = occluder.occluded(shot[asked])
-    return hidden
+    return hidden, int(np.count_nonzero(pilots) + np.count_nonzero(asked))
 
 
 def _around(side: int) -> NDArray[np.int64]:

@@ -29,7 +29,7 @@ class Precomputed(KeptBounces):
 
     A transfer of more bands or more rays than requested serves as well: its first bands are the transfer of fewer. From
     kept visibility, more bands need no ray and twice the rays only the new half. Rays that are too few to grow are
-    traced again. rays_traced: how many rays transfers and matrices took so far. foliage: the Foliage of the
+    traced again. rays_traced: how many rays were shot for transfers and matrices so far. foliage: the Foliage of the
     scene, or None. shown: returns (V,) bool, the vertices whose light is shown; None for all of them.
     """
 
@@ -163,19 +163,19 @@ class Precomputed(KeptBounces):
         traced = int(self.sizes.sum() if mask is None else mask.sum())
         name, visibility = self._name(settings), self._known_visibility(settings)
         if visibility is not None and visibility.reaches(settings.rays):
-            before = visibility.rays
+            before, shot = visibility.rays, visibility.shot
             with self._stages.stage("rays", traced) as advance:
                 while visibility.rays < settings.rays:
                     visibility.double(advance)
-            new = visibility.rays - before
+            new, shot = visibility.rays - before, visibility.shot - shot
         else:
             occluder = self.occluder
             with self._stages.stage("rays", traced) as advance:
                 visibility = Visibility(occluder, settings.rays, self.seed, mask, advance, self.sparing)
             visibility.name = name
-            new = visibility.rays
+            new, shot = visibility.rays, visibility.shot
         self._visibility = visibility
-        self.rays_traced += new * int(np.count_nonzero(visibility.traced))
+        self.rays_traced += shot
         if new and self.cache.keeps:
             with self._stages.stage("keep"):
                 bits = np.stack(visibility.bits)

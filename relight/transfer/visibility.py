@@ -28,11 +28,12 @@ class Visibility:
     full turn. bits: for each set (N, ceil(base / 8)) uint8, 1 where something is in the way, as `numpy.packbits`.
     seed: of the directions. traced: (N,) bool, the nodes that were given rays; what the others see counts as open.
     normals: (N, 3) float32. name: what a Precomputed keeps it under, where one does. sparing: whether rays on whose
-    outcome neighbours agree stay untraced.
+    outcome neighbours agree stay untraced. shot: how many rays were traced here.
     """
 
     name: tuple[int, str] | None = None
     sparing: bool = False
+    shot: int = 0
 
     def __init__(
         self,
@@ -83,7 +84,7 @@ class Visibility:
     def first(self) -> "Visibility":
         """That of the first set of rays alone, which no doubling changed."""
         found = copy.copy(self)
-        found.sets, found.bits = self.sets[:1], self.bits[:1]
+        found.sets, found.bits, found.shot = self.sets[:1], self.bits[:1], 0
         return found
 
     def reaches(self, rays: int) -> bool:
@@ -155,14 +156,18 @@ class Visibility:
         bits = np.zeros((len(self.traced), -(-self.base // 8)), np.uint8)
         copies = np.bincount(self.neighbors.node, minlength=len(bits))
         nodes = np.flatnonzero(self.traced)
-        sparing = self.sparing and self.base >= consensus.LEAST_RAYS and len(nodes) >= consensus.LEAST_VERTICES
+        sparing = self.sparing and consensus.worth(self.base, len(nodes))
         batch = max(1, BATCH_RAYS // self.base // consensus.BLOCK) * consensus.BLOCK
         buffer = np.zeros((min(batch, len(nodes)), self.base, 6), np.float32)
         for start in range(0, len(nodes), batch):
             part = nodes[start : start + batch]
             shot = self._shot(each, part, buffer)
-            hidden = consensus.hidden_rays(self._occluder, shot) if sparing else self._occluder.occluded(shot)
+            if sparing:
+                hidden, traced = consensus.hidden_rays(self._occluder, shot)
+            else:
+                hidden, traced = self._occluder.occluded(shot), len(part) * self.base
             bits[part] = np.packbits(hidden, axis=1)
+            self.shot += traced
             advance(int(copies[part].sum()))
         advance(int(copies[~self.traced].sum()))
         return bits

@@ -154,7 +154,8 @@ def measure(name, scene, albedo, lights, options, found):
             runs = [planned(scene, albedo, environment, tolerance) for _ in range(min(2, options.repeats))]
             plan, shading = runs[0][:2]
             settings = shading.settings
-            predicted = sum(costs.seconds(plan.settings, count, count, 1.0 / count, plan.sun_count))
+            unsure = plan.choice.measured.sample.unsure
+            predicted = sum(costs.seconds(plan.settings, count, count, 1.0 / count, plan.sun_count, unsure=unsure))
             off = relative_error(shading.radiance[rows], expected[light])
             row = {"scene": name, "light": light, "tolerance": tolerance, "plan": str(settings)}
             row |= {"predicted": plan.error, "checked": plan.checked, "true": off, "suns_predicted": plan.sun_count}

@@ -120,6 +120,21 @@ def test_bounces_follow_when_caught_up(scene):
     assert difference(found.radiance, expected.radiance) < 0.03
 
 
+def test_a_scene_planned_without_rays_gets_them_when_something_moves(light):
+    ball = o3d.geometry.TriangleMesh.create_sphere
+    apart = Scene([mesh_of(ball(0.3, 12)), mesh_of(ball(0.3, 12), (30, 0, 0))])
+    relighter = Relighter(apart, tolerance=0.05)
+    assert relighter.shading(light).settings.method == "analytic"
+    poses, mesh = moved(apart, 1, (-29.3, 0, 0))
+    relighter.update(1, mesh.vertices, mesh.normals)
+    found = relighter.shading(light)
+    assert found.settings.method == "raytraced"
+    expected = Relighter(poses).shade(light)
+    off = np.linalg.norm(found.radiance - expected, axis=1) / np.linalg.norm(expected, axis=1).mean()
+    assert np.quantile(off, 0.99) < 0.05  # one vertex lies on the edge of a sun's shadow
+    assert difference(Relighter(apart).shade(light), expected) > 0.1
+
+
 @pytest.mark.parametrize(
     ("method", "chunk", "count", "message"),
     [("auto", 3, 0, "chunks 0 to 2"), ("auto", 1, 5, "must have shape"), ("blinn-phong", 1, 0, "cannot follow motion")],

@@ -7,7 +7,7 @@ import pytest
 from relight.planning.sample import Sample
 from relight.transfer.store import Cache
 
-ARRAYS = "rows", "weights", "normals", "directions", "open", "seen"
+ARRAYS = "rows", "weights", "normals", "directions", "open", "seen", "hidden"
 
 
 @pytest.fixture
@@ -30,7 +30,7 @@ def test_a_kept_sample_is_the_same_and_traces_nothing(made, monkeypatch):
     monkeypatch.setattr(Sample, "_look", lambda *_: pytest.fail("it looks again"))
     again = sample()
     same(first, again)
-    assert (again.ray_s, again.rays) == (first.ray_s, first.rays)
+    assert (again.ray_s, again.unsure, again.rays) == (first.ray_s, first.unsure, first.rays)
 
 
 @pytest.mark.parametrize(("name", "value"), [("rows", 10**6), ("weights", np.nan), ("ray_s", np.nan)])
