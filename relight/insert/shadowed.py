@@ -16,7 +16,7 @@ from splat2mesh.splats.splats import Splats
 from ..splats import Binding
 from ..splats.light_ratio import Usual
 from .gathering import Casting, change_at
-from .inserts import InsertedLight
+from .inserts import RAYS, InsertedLight
 from .refine import carried, refined
 from .surroundings import Receiving
 
@@ -25,12 +25,6 @@ FINENESS = 20.0
 
 MOST_FACES = 600_000
 """Number of faces in the changed region above which none is subdivided."""
-
-SEEN_CHANGE = 0.01
-"""Change of the logarithm of the light below which triangles stay as they are."""
-
-RAYS = 96
-"""Rays to each object from the vertices of refined triangles."""
 
 
 def shadowed(light: InsertedLight, splats: Splats) -> Splats:
@@ -49,10 +43,10 @@ class ShadowedSplats:
 
     def __init__(self, poses: list[InsertedLight], splats: Splats) -> None:
         scene, light = poses[0].inserts.relighter.scene, poses[len(poses) // 2]
-        self._splats, self._scene = splats, scene
+        self._splats = splats
         radii = [radius for pose in poses for _, radius in pose.standing.spheres]
         smallest = min(radii) * light.standing.frame.diagonal
-        changed = np.logical_or.reduce([_changed(pose) for pose in poses])
+        changed = np.logical_or.reduce([(pose.ratio != 1.0).any(axis=1) for pose in poses])
         most = MOST_FACES + len(scene.faces)
         faces, self._rounds = refined(scene.vertices, scene.faces, smallest / FINENESS, most, changed)
         vertices, normals = (carried(each, self._rounds) for each in (scene.vertices, scene.normals))
@@ -77,12 +71,8 @@ class ShadowedSplats:
         """The ratio (V, 3) of light at the refined vertices. Rays are traced only where the light changes."""
         rounds = self._rounds
         received, later, change = (carried(each, rounds) for each in (light.received, light.later, light.direct))
-        rows = np.flatnonzero(carried(_changed(light).astype(np.float32), rounds) > 0.0)
+        rows = np.flatnonzero(carried((light.ratio != 1.0).any(axis=1).astype(np.float32), rounds) > 0.0)
         at = Receiving(self._origins[rows], self._normals[rows])
         how = Casting(RAYS, light.inserts.relighter.seed)
         change[rows] = change_at(light.around, light.standing, light.radiance, how, at)
         return light.compared(received, change + later)
-
-
-def _changed(light: InsertedLight) -> NDArray[np.bool_]:
-    return np.asarray((np.abs(np.log(light.ratio)) > SEEN_CHANGE).any(axis=1))
