@@ -95,7 +95,7 @@ def observed(
     if looks is None or splats.degree == 0:
         return None
     patch = _patches(binding, colors, seed)
-    found = [_seen(binding, looks, splats, number, scene_from_splat) for number in np.unique(looks.view_of)]
+    found = [_seen(binding, looks, splats, number, scene_from_splat) for number in range(len(looks.eyes))]
     node, color, mirrored, cosine = (np.concatenate([each[i] for each in found]) for i in range(4))
     patches = int(patch.max()) + 1
     size = BANDS**2 - 1

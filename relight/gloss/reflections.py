@@ -38,7 +38,7 @@ class Reflections:
 
     def __init__(self, binding: Binding, looks: Looks, gloss: Gloss, scene: Matrix3) -> None:
         self._binding, self._drawn = binding, binding.drawn()
-        seen = (SurfacePixels.of_view(looks, binding.surface, number) for number in np.unique(looks.view_of))
+        seen = (SurfacePixels.of_view(looks, binding.surface, number) for number in range(len(looks.eyes)))
         self._views = [MirroredPixels.of(pixels, binding.surface, gloss, scene) for pixels in seen]
         places = binding.places
         share = np.einsum("nk,nk->n", places.weights, gloss.glossy[places.columns])

@@ -101,11 +101,6 @@ class Looks(NamedTuple):
         """These pictures, of which some of the known pixels, (K,) bool, are known."""
         return self._replace(known=self.known[kept], corners=self.corners[kept], uv=self.uv[kept])
 
-    @property
-    def view_of(self) -> NDArray[np.int64]:
-        """(Q,) the number of the picture that each known pixel is of."""
-        return np.searchsorted(AREA * self.blending.tiles, self.known, "right") - 1
-
     def of_view(self, number: int) -> "Looks":
         """The picture of one view alone, without a copy."""
         first, last = np.searchsorted(self.known, AREA * self.blending.tiles[number : number + 2])
