@@ -53,9 +53,11 @@ class Pictures(NamedTuple):
     deepest: NDArray[np.float64]
 
     @classmethod
-    def of(cls, looks: Sequence[Look], pixels: int, surface: DepthIn, tolerance: tuple[float, float]) -> "Pictures":
-        """Pictures of some Look, `pixels` along the longer side, up to a surface. tolerance: as of `shown`. What is
-        looked at after the first, the far background, may lie behind the surface and is drawn whole."""
+    def of(
+        cls, looks: Sequence[Look], pixels: int, surface: DepthIn | None, tolerance: tuple[float, float]
+    ) -> "Pictures":
+        """Pictures of some Look, `pixels` along the longer side, up to a surface if there is one. tolerance: as of
+        `shown`. What is looked at after the first, the far background, may lie behind it and is drawn whole."""
         views = [view.resized(pixels) for look in looks for view in look.views]
         stack = stacked(views)
         ends = np.append(stack.starts[1:], stack.sizes.prod(axis=1).sum())
@@ -63,7 +65,7 @@ class Pictures(NamedTuple):
         deepest, number = np.zeros(len(views)), 0
         for look in looks:
             for plane in look.near:
-                reach = deepest_of(views[number], surface, tolerance) if look is looks[0] else EVERYWHERE
+                reach = deepest_of(views[number], surface, tolerance) if surface and look is looks[0] else EVERYWHERE
                 seen = rasterize(look.splats, views[number], float(plane), reach)
                 solid = seen.alpha > LEAST_ALPHA
                 part = slice(stack.starts[number], ends[number])
