@@ -166,10 +166,7 @@ class SceneGloss:
 
     @cached_property
     def _key(self) -> tuple[str, int]:
-        source = self._scene.source  # of its files the splats are, to the byte
-        files = [source, *source.get("objects", ())]
-        text = repr([[each.get(name) for name in ("sha256", "lod", "scene_from_splat")] for each in files])
-        return array_key(np.frombuffer(text.encode(), np.uint8), self._scene.colors_srgb), self._seed
+        return array_key(self._splats.means, self._scene.colors_srgb), self._seed  # the source is known by its SHA-256
 
     @cached_property
     def _kept(self) -> PatchFits | None:
