@@ -12,6 +12,7 @@ from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.splats import Splats
 
 from ..sh import harmonics
+from ..splats.looks import Looks
 from ..transfer.store import Cache, array_key
 from .agreement import hints_at_gloss
 from .fits import PatchFits, observed
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
     from ..engine.placed import LampLight
     from ..engine.relighter import Shaded
     from ..splats.binding import Binding
-    from ..splats.looks import Looks
 
 LEAST_DEGREE = 2
 """Least degree of a splat's harmonics: degree 1 shows its brighter side, but no lobe."""
@@ -152,7 +152,7 @@ class SceneGloss:
             "alpha": round(float(np.median(gloss.alpha[rows])), 3),
         }
 
-    def _traced(self, looks: "Looks", gloss: Gloss) -> Reflections:
+    def _traced(self, looks: Looks, gloss: Gloss) -> Reflections:
         """The Reflections, whose rays are traced once."""
         if self._reflections is None:
             with self._stages.stage("trace gloss"):
@@ -160,9 +160,17 @@ class SceneGloss:
         return self._reflections
 
     @cached_property
-    def _looks(self) -> "Looks | None":
+    def _looks(self) -> Looks | None:
+        """Of a place those of the fit; of an object its own, kept beside them."""
+        binding, cache = self._binding(), self._cache
         with self._stages.stage("look at gloss"):
-            return outer_looks(self._binding(), self._scene)
+            if cache is None or self._scene.is_place or binding.looks is None:
+                return outer_looks(binding, self._scene)
+            count, on = len(binding.sketch), binding.surface
+            looks = cache.restored(lambda kept: Looks.restored(kept, count, on), "looks", *self._key)
+            if looks is None and (looks := outer_looks(binding, self._scene)) is not None:
+                cache.put("looks", *self._key, **looks.arrays(on))
+            return looks
 
     @cached_property
     def _key(self) -> tuple[str, int]:

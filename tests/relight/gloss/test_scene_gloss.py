@@ -160,6 +160,18 @@ def test_highlights_move_to_where_the_new_light_puts_them(glazed):
     assert np.corrcoef(added[0], added[2])[0, 1] > max(0.8, np.corrcoef(added[0], added[1])[0, 1] + 0.2)
 
 
+def test_pictures_of_an_object_are_drawn_once_for_all_lights(glazed, tmp_path, monkeypatch):
+    cache = Cache(tmp_path, "a ball")
+    first = glazed.relit(NEW, glazed.gloss(cache))
+    with monkeypatch.context() as only:
+        only.setattr("relight.gloss.scene_gloss.outer_looks", lambda *_: pytest.fail("they are drawn again"))
+        again = glazed.relit(NEW, glazed.gloss(cache))
+    np.testing.assert_array_equal(again.sh, first.sh)
+    (kept,) = tmp_path.glob("looks-*")
+    kept.write_bytes(kept.read_bytes()[:-200])  # damaged: drawn anew
+    np.testing.assert_array_equal(glazed.relit(NEW, glazed.gloss(cache)).sh, first.sh)
+
+
 def test_under_the_light_of_the_capture_no_bit_changes(glazed):
     gloss = glazed.gloss()
     nothing = Shading(np.zeros_like(glazed.look.captured), 0, [], SETTINGS)
