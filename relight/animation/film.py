@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from splat2mesh.base.arrays import Radiance
+from splat2mesh.base.arrays import Floats, Radiance
 from splat2mesh.base.choices import DEFAULT_FPS, MOST_STEPS
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.outputs import check_output, staged_file, staged_folder
@@ -85,7 +85,7 @@ def animate(
     Raises InputError for a folder that is not to be replaced and a rate that is not above 0; an encoder that fails is
     no error: the pictures are there.
     """
-    frame_times(animation.duration_s, asked.fps)
+    times = frame_times(animation.duration_s, asked.fps)
     check_output(asked.folder, asked.overwrite, MARKER)
     camera, exposure = shot.camera or fitted_camera(animation, shot.width / shot.height), shot.exposure
 
@@ -97,7 +97,7 @@ def animate(
         picture = Preview(scene, camera, shot.width, shot.height, shot.samples)
         return picture.render(radiance, environment, exposure), exposure
 
-    return _filmed(drawn, animation.duration_s, asked, advance, finish)
+    return _filmed(drawn, times, asked, advance, finish)
 
 
 def film_objects(
@@ -111,20 +111,20 @@ def film_objects(
 ) -> "Frames":
     """The same of animated objects in a static place, to the end of the longest animation: each frame retraces only
     their reach. painter: returns the function that draws a frame. The rest as of `animate`."""
-    frame_times(acting.duration_s, asked.fps)
+    times = frame_times(acting.duration_s, asked.fps)
     check_output(asked.folder, asked.overwrite, MARKER)
     draw = painter([lit(pose) for pose in acting.sampled])
-    return _filmed(lambda time_s: (draw(lit(acting.at(time_s))), exposure), acting.duration_s, asked, advance, finish)
+    return _filmed(lambda time_s: (draw(lit(acting.at(time_s))), exposure), times, asked, advance, finish)
 
 
 def _filmed(
     drawn: Callable[[float], tuple[NDArray[np.uint8], float]],  # picture and exposure of a time
-    duration_s: float,
+    times: Floats,  # s
     asked: FilmRequest,
     advance: Callable[[int], Any],
     finish: Callable[[Path, Frames], Any],
 ) -> Frames:
-    times, exposure = frame_times(duration_s, asked.fps), 1.0
+    exposure = 1.0
     with staged_folder(asked.folder, asked.overwrite, MARKER) as staging:
         for number, time_s in enumerate(times):
             picture, exposure = drawn(float(time_s))

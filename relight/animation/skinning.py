@@ -39,6 +39,9 @@ class Track:
             raise InputError(f"{interpolation} keyframes of shape {values.shape} do not fit {len(self.times)} times")
         if not (np.isfinite(self.times).all() and np.isfinite(values).all() and (np.diff(self.times) >= 0).all()):
             raise InputError("keyframes must be finite, and their times must not fall")
+        keys = values[:, 1] if interpolation == "CUBICSPLINE" else values
+        if spherical and not keys.any(axis=1).all():
+            raise InputError("a keyframe is the rotation 0 0 0 0, which is none")
         self._values = values
 
     def at(self, time_s: float) -> NDArray[np.float64]:

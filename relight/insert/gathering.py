@@ -27,7 +27,8 @@ OBJECT_RAYS = 256
 """Rays from each vertex of an object, in all directions."""
 
 NEAR_RAYS = 8
-"""Factor on the number of rays for a vertex within the sphere of an object, where they go in all directions."""
+"""Factor on the number of rays for a vertex within the sphere of an object, where they go in all directions. With
+as many as elsewhere noise at contacts is three to four times as large."""
 
 LEAST_CONE = 1.0 / 400.0
 """Part of a hemisphere that the sphere of an object must fill: a smaller part makes no visible change."""

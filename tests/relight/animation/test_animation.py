@@ -4,7 +4,7 @@ import struct
 import numpy as np
 import pytest
 from scipy.interpolate import CubicHermiteSpline
-from scipy.spatial.transform import Rotation, Slerp
+from scipy.spatial.transform import Rotation
 
 from relight.animation.animation import Animation
 from relight.animation.film import FILM, FilmRequest, Shot, animate, encode, frame_times
@@ -95,10 +95,10 @@ def test_a_turning_node_turns_its_mesh_along_the_great_circle(tmp_path):
     animation = Animation(glb.save(tmp_path / "turn.glb"))
     assert animation.duration_s == 3.0 and animation.name == "act" and animation.moving == [0]
     np.testing.assert_array_equal(animation.chunks[0].faces, faces)
-    slerp = Slerp([0.0, 1.0, 3.0], keys)
-    for time_s in (0.0, 0.3, 1.0, 2.2, 3.0):
+    for time_s, before, share in ((0.0, 0, 0.0), (0.3, 0, 0.3), (1.0, 1, 0.0), (2.2, 1, 0.6), (3.0, 1, 1.0)):
         ((moved_vertices, moved_normals),) = animation.at(time_s)
-        turn = slerp(time_s).as_matrix()
+        step = keys[before + 1] * keys[before].inv()  # about one axis, at an even rate
+        turn = (Rotation.from_rotvec(share * step.as_rotvec()) * keys[before]).as_matrix()
         # Coordinates up to 5, stored as float32: half a rounding is 2.4e-7.
         np.testing.assert_allclose(moved_vertices, 2.0 * vertices @ turn.T + [1.0, 2.0, 3.0], atol=6e-7)
         np.testing.assert_allclose(moved_normals, normals @ turn.T, atol=3e-7)
@@ -121,6 +121,16 @@ def test_keyframes_between_are_what_the_interpolation_says():
     for column in range(3):
         assert lines.at(1.7)[column] == pytest.approx(np.interp(1.7, times, keys[:, 1, column]), abs=1e-14)
     assert np.linalg.norm(Track([0, 1], rng.normal(size=(2, 3, 4)), "CUBICSPLINE", True).at(0.4)) == pytest.approx(1)
+
+
+@pytest.mark.parametrize("interpolation", ["LINEAR", "STEP", "CUBICSPLINE"])
+def test_a_rotation_of_zeros_is_refused(interpolation):
+    keys = np.ones((3, 3, 4)) if interpolation == "CUBICSPLINE" else np.ones((3, 4))
+    Track([0, 1, 2], keys, interpolation, spherical=True)
+    keys[1] = 0.0
+    Track([0, 1, 2], keys, interpolation)  # a translation may be zero
+    with pytest.raises(InputError, match="rotation 0 0 0 0"):
+        Track([0, 1, 2], keys, interpolation, spherical=True)
 
 
 def test_normals_stay_upright_under_any_matrix():
