@@ -183,10 +183,8 @@ class Sample:
         begins = np.linspace(0, len(order), BLOCKS, endpoint=False).astype(int)
         blocks = [order[begin : begin + consensus.BLOCK] for begin in begins]
         rows = np.concatenate([block for block in blocks if len(block) == consensus.BLOCK] or blocks[:1])
-        shot, offsets = (
-            np.zeros((len(rows), len(azimuths), 6), np.float32),
-            sampling.ranked_offsets(np.arange(len(rows)), 1),
-        )
+        shot = np.zeros((len(rows), len(azimuths), 6), np.float32)
+        offsets = sampling.ranked_offsets(np.arange(len(rows)), 1)
         sampling.shoot_at(self.occluder.origins[rows], self.occluder.normals[rows], azimuths, offsets, shot)
         traced = consensus.hidden_rays(self.occluder, shot)[1]
         self.rays += traced
