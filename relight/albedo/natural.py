@@ -12,7 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from splat2mesh.base.arrayfiles import load_arrays
 from splat2mesh.base.arrays import Directions, Radiance
+from splat2mesh.base.inputs import GIB
 from splat2mesh.base.sphere import row_solid_angles, texel_directions
 from splat2mesh.scene.color import luminance
 
@@ -98,8 +100,8 @@ def gaussian_of(
 @lru_cache(maxsize=8)
 def natural_light(kind: str | None = None) -> NaturalLight:
     """The NaturalLight of all lights of the file; of one of KINDS, its mean with the spread of all."""
-    with np.load(FILE) as file:
-        logs, kinds = file["coefficients"].astype(np.float64), file["kinds"]
+    file = load_arrays(FILE, GIB)
+    logs, kinds = file["coefficients"].astype(np.float64), file["kinds"]
     rows = np.isin(kinds, KINDS[kind]) if kind else np.ones(len(logs), bool)
     return gaussian_of(logs[rows], logs)
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from splat2mesh.base.arrayfiles import load_array
 from splat2mesh.base.errors import DataWarning, InputError
-from splat2mesh.base.inputs import load_array
 from splat2mesh.scene.measured import CapturedSky
 from splat2mesh.scene.scene import Scene
 

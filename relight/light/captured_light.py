@@ -13,8 +13,9 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from splat2mesh.base.arrayfiles import load_arrays
 from splat2mesh.base.errors import InputError
-from splat2mesh.base.inputs import GIB, inside, load_arrays, read_json, reading
+from splat2mesh.base.inputs import GIB, inside, read_json, reading
 from splat2mesh.base.outputs import staged_file
 
 from . import ANEW

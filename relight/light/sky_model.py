@@ -11,8 +11,10 @@ import numpy as np
 from numpy.polynomial.legendre import leggauss
 from numpy.typing import ArrayLike, NDArray
 
+from splat2mesh.base.arrayfiles import load_arrays
 from splat2mesh.base.arrays import Directions, Floats, Vector
 from splat2mesh.base.errors import InputError
+from splat2mesh.base.inputs import GIB
 from splat2mesh.scene.color import luminance
 from splat2mesh.scene.measured import SKY_HEIGHT, SKY_WIDTH
 
@@ -197,8 +199,7 @@ def _data() -> dict[str, NDArray[np.float64]]:
     sky_shape: (10, 2, 6, 3, 9), by albedo 0 and 1, control point, colour. sky_radiance: (10, 2, 6, 3).
     sun_radiance: (10, 45, 3, 4), by segment of elevation, colour, power of the elevation in it: the mean of the disc.
     """
-    with np.load(_DATA) as file:
-        return {name: file[name].astype(np.float64) for name in file.files}
+    return {name: table.astype(np.float64) for name, table in load_arrays(_DATA, GIB).items()}
 
 
 def _between(table: NDArray[np.float64], turbidity: float) -> NDArray[np.float64]:

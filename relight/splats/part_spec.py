@@ -23,9 +23,10 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from splat2mesh.base.arrayfiles import load_array
 from splat2mesh.base.arrays import Mask, Points
 from splat2mesh.base.errors import DataWarning, InputError
-from splat2mesh.base.inputs import load_array, reading
+from splat2mesh.base.inputs import reading
 from splat2mesh.base.specs import clip, parse_spec, plain, vector
 from splat2mesh.splats.cleaning import sound
 from splat2mesh.splats.formats import kind_of, read_splats

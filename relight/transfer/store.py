@@ -19,9 +19,10 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from splat2mesh.base.arrayfiles import load_arrays
 from splat2mesh.base.beside import Beside
 from splat2mesh.base.errors import DataWarning, InputError
-from splat2mesh.base.inputs import GIB, LARGEST_TEXT, load_arrays
+from splat2mesh.base.inputs import GIB, LARGEST_TEXT
 from splat2mesh.base.leftovers import sweep
 from splat2mesh.base.outputs import staged_file
 

@@ -5,13 +5,10 @@ inside a file leads only into the file's own folder, and no exception of a parse
 """
 
 import json
-import lzma
 import os
 import stat
 import warnings
-import zipfile
-import zlib
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
@@ -85,42 +82,6 @@ def loads(text: str | bytes, **how: Any) -> Any:
         return json.loads(text, **how)
     except RecursionError:
         raise ValueError("it is nested too deeply") from None
-
-
-def load_array(path: str | os.PathLike[str]) -> Any:
-    """The array of a .npy file. Raises InputError for anything but a regular file, ValueError for one without a plain
-    array. The header is checked against the size of the file first, and nothing is unpickled."""
-    import numpy as np
-
-    size = file_size(path, ".npy file")
-    try:
-        mapped = np.load(path, mmap_mode="r", allow_pickle=False)  # maps no more than there is
-        if not isinstance(mapped, np.ndarray):
-            raise ValueError("it holds several arrays, expected one .npy")
-        return np.array(mapped)
-    except Exception as error:  # the header is Python source, over which a dozen types are raised
-        raise ValueError(f"{error} ({size} bytes)") from None
-
-
-def load_arrays(path: str | os.PathLike[str], most: int, names: Collection[str] | None = None) -> dict[str, Any]:
-    """The arrays of an .npz file, or those of some names alone, of at most `most` bytes unpacked. Raises ValueError for
-    a file without arrays, or without all of the names."""
-    import numpy as np
-
-    file_size(path, ".npz file")
-    try:
-        with zipfile.ZipFile(path) as packed:
-            entries = packed.infolist()
-            size = sum(each.file_size for each in entries if names is None or each.filename[: -len(".npy")] in names)
-            if size > most:
-                raise ValueError(f"it announces {size:,} bytes, expected at most {most:,}")
-        with np.load(path, allow_pickle=False) as file:
-            return {name: file[name] for name in (file.files if names is None else names)}
-    except (*_PACKED, zipfile.BadZipFile, zlib.error, lzma.LZMAError) as error:
-        raise ValueError(f"{type(error).__name__}: {error}") from None
-
-
-_PACKED = (EOFError, OSError, SyntaxError, OverflowError, TypeError, NotImplementedError, RuntimeError, KeyError)
 
 
 def check_count(path: str | os.PathLike[str], count: int, size: int, what: str = "splats") -> None:

@@ -22,8 +22,9 @@ import imageio.v3 as iio
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.arrayfiles import load_array
 from ..base.errors import InputError
-from ..base.inputs import file_size, inside, load_array, read_json
+from ..base.inputs import file_size, inside, read_json
 from ..base.outputs import check_output, staged_folder
 from ..base.strictjson import text_of
 from ..base.version import VERSION

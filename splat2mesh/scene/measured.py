@@ -9,8 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.arrayfiles import load_arrays
 from ..base.errors import InputError
-from ..base.inputs import GIB, load_arrays
+from ..base.inputs import GIB
 from ..base.sphere import row_solid_angles
 from .optical_depth import OpticalDepth
 
