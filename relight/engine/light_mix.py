@@ -122,7 +122,7 @@ class LightMix:
 
     options: LightingOptions. asked_lamps: the requested lamps. environment: Environment, unrotated. relighter, look,
     room: of the scene; room is None where it is no closed one. exposure_ev: as requested, or None. metre: splat units
-    per metre where the capture does not tell it; see `lamp_scale`.
+    per metre where the capture does not tell it; see `lamp_scale`. known_scale: of a scene that this is a part of.
     """
 
     options: LightingOptions
@@ -133,6 +133,7 @@ class LightMix:
     room: "RelitRoom | None" = None
     exposure_ev: float | None = None
     metre: float | None = None
+    known_scale: LampScale | None = None
 
     def under(self, light: Environment) -> "LightMix":
         """The same parts beside another environment."""
@@ -230,7 +231,7 @@ class LightMix:
     @cached_property
     def scale(self) -> LampScale:
         """The length of a metre and the brightness of the captured light, which the fields of lamps refer to."""
-        return lamp_scale(self.relighter.scene, self.look, self.relighter.occluder, self.metre)
+        return self.known_scale or lamp_scale(self.relighter.scene, self.look, self.relighter.occluder, self.metre)
 
     @property
     def scale_known(self) -> bool:

@@ -14,7 +14,7 @@ from splat2mesh.tiles.memory import BASE_GB, check_memory
 from splat2mesh.tiles.plan import FAR, folder_of, grown, within_box
 from splat2mesh.tiles.store import Store
 
-from .shared import Shared, joined_meshes, scene_of
+from .shared import CoarseCity
 
 GB_PER_LIT, GB_PER_NEAR, GB_PER_SPLAT = 2.8e-6, 1.2e-6, 1.0e-6
 """Bytes of a process's peak memory per vertex whose own light is computed, per vertex around them, and per splat of the
@@ -124,7 +124,7 @@ class Local(NamedTuple):
     """A part of a tile among its surroundings.
 
     scene: the first chunk is the tile's own mesh in and near the part, the next ones are other meshes near it, the last
-    one is the coarse rest. near: number of chunks that are not coarse. rows: (N,) of the tile's mesh, the vertices of
+    ones are the coarse rest. near: number of chunks that are not coarse. rows: (N,) of the tile's mesh, the vertices of
     the first chunk. own: (N,) bool, those that belong to the part. shown: (V,) bool, the vertices of the scene whose
     own light is computed.
     """
@@ -147,10 +147,10 @@ class TileNeighborhood:
     mesh: of the tile. coarse: vertices of the coarse city. spacing: distance between stations, scene units.
     """
 
-    def __init__(self, store: Store, shared: Shared, tile: int, spacing: float) -> None:
+    def __init__(self, store: Store, city: CoarseCity, tile: int, spacing: float) -> None:
         """Read them."""
-        self._shared, self.spacing = shared, spacing
-        self._core, cores = shared.cores[tile], shared.cores
+        self._city, self.spacing = city, spacing
+        self._core, cores = city.cores[tile], city.cores
         self.mesh = tile_mesh(store, tile)
         box = grown(self._core, NEAR * spacing)
         touching = (cores[:, 0] < box[1]).all(axis=1) & (cores[:, 1] > box[0]).all(axis=1)
@@ -159,7 +159,7 @@ class TileNeighborhood:
         lowest = self.mesh.vertices[:, 1].min()
         self._near: list[Mesh] = []
         self._far: list[Mesh] = []
-        for other, distant in enumerate(shared.coarse):
+        for other, distant in enumerate(city.coarse):
             if distant is None or distant.vertices[:, 1].max() - lowest < LOWEST * apart[other]:
                 continue
             if touching[other] and other != tile:
@@ -186,17 +186,11 @@ class TileNeighborhood:
         near = [Mesh(mesh.vertices[rows], mesh.normals[rows], faces, mesh.colors_srgb[rows])]
         near += [each for each in (_part(mesh, box, inside=True) for mesh in self._near) if len(each.faces)]
         far = [each for each in (_part(mesh, box, inside=False) for mesh in self._far) if len(each.faces)]
-        chunks = [*near, *joined_meshes(far)]
         exact = grown(part.box, EXACT * self.spacing)
         shown = [within_box(each.vertices[:, [0, 2]], exact) for each in near]
         shown[0] |= own[rows]
-        shown += [np.zeros(len(each.vertices), bool) for each in chunks[len(near) :]]
-        return Local(scene_of(chunks, self._shared), len(near), rows, own[rows], np.concatenate(shown))
-
-
-def far_scene(shared: Shared) -> Scene:
-    """The whole city, coarse."""
-    return scene_of(joined_meshes([mesh for mesh in shared.coarse if mesh is not None]), shared)
+        shown += [np.zeros(len(each.vertices), bool) for each in far]
+        return Local(self._city.scene_of([*near, *far]), len(near), rows, own[rows], np.concatenate(shown))
 
 
 def _within(mesh: Mesh, box: Floats) -> Mask:

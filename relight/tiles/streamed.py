@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.version import VERSION
 from splat2mesh.splats.formats.sog_writing import sog_files
-from splat2mesh.splats.formats.streamed import META
 from splat2mesh.splats.joining import joined
 from splat2mesh.splats.merging import merged
 from splat2mesh.splats.splats import Splats
@@ -105,6 +104,3 @@ def _tree(leaves: list[dict[str, Any]]) -> dict[str, Any]:
 def environment_files(splats: Splats) -> dict[str, bytes]:
     """The files of the background outside all tiles."""
     return {f"{FOLDER}/env/{name}": data for name, data in sog_files(splats, f"{FOLDER}/env").items()}
-
-
-__all__ = ["FOLDER", "LOD_LEVELS", "META", "environment_files", "lod_meta", "tile_levels"]

@@ -8,7 +8,6 @@ import numpy as np
 
 from splat2mesh.base.arrays import Floats, Radiance
 from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
-from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.meshfile import mesh_ply_bytes
 from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.cleaning import usable
@@ -25,19 +24,19 @@ from ..albedo import estimate
 from ..albedo.estimate import under_light
 from ..albedo.samples import vertex_areas
 from ..engine.appearance import CAPTURE, Appearance
-from ..engine.light_mix import LightMix
+from ..engine.light_mix import LightKind, LightMix
 from ..engine.relighter import Relighter
+from ..lamps.asked import LampScale
 from ..lamps.placing import asked_lamps
 from ..light.captured import CapturedLight
-from ..light.environment import Environment
 from ..options import LightingOptions
 from ..output.relit_splats import BoundSplats, SplatLight, relit
 from ..splats.binding import Binding
 from ..splats.light_ratio import Usual, log_gain
 from .background import background_of, far_splats, relit_background
-from .local import NEAR, Local, TileNeighborhood, far_scene, room_for
-from .mixture import CityMixture
-from .shared import Shared, coarse_city, read_sky, write_shared
+from .local import NEAR, Local, TileNeighborhood, room_for
+from .mixture import beside, lamps_near
+from .shared import Light, Shared, SkyImage, coarse_city, shared_at, write_light
 from .streamed import FOLDER, environment_files, tile_levels
 
 CITY_METRE = 1.0
@@ -55,21 +54,22 @@ def common_light(
     albedo: str,
     ev: float | None,
     far: list[int],  # pieces whose far background is to be lit
+    sky: SkyImage,  # the new light
 ) -> dict[str, Any]:
     """Estimate the captured light and the exposure from the coarse city, write FOLDER/light.npz, and return facts."""
-    shared = coarse_city(store, read_sky(store, folder))
-    scene, sky = far_scene(shared), shared.sky
+    city, new = coarse_city(store), sky.environment
+    scene = city.scene_of([mesh for mesh in city.coarse if mesh is not None])
     relighter = Relighter(scene, options)
     captured = scene.colors_linear
     facts: dict[str, Any] = {"vertices": len(captured)}
     colors: Any = None if albedo == "white" else captured
     before: Any = captured if albedo == "white" else np.ones_like(captured)
+    known: dict[str, Any] = {}  # fields of the Light
     capture: dict[str, Any] | None = None
     if albedo == "estimated":
         found = estimate(relighter.occluder, captured, options.seed, transport=relighter.transport(CAPTURE))
         if found.separable:
-            own = Environment(found.environment.radiance, "the capture")
-            shared, before = shared._replace(capture=own, prior=found.prior), found.irradiance
+            known, before = {"capture": found.environment.radiance, "prior": found.prior}, found.irradiance
         facts |= {
             "separable": bool(found.separable),
             "reason": found.reason,
@@ -78,24 +78,25 @@ def common_light(
         colors = found.albedo
         capture = None if found.brightness is None else {"brightness": found.brightness}
     look = Appearance(colors, captured, before, capture=capture)
-    mix = LightMix(options, asked_lamps(options.placed), sky, relighter, look, exposure_ev=ev, metre=CITY_METRE)
-    shading = mix.alone_under(sky)
-    exposure = mix.exposure([sky], shading.radiance)
+    placed = asked_lamps(options.placed)
+    mix = LightMix(options, placed, new, relighter, look, exposure_ev=ev, metre=CITY_METRE)
+    shading = mix.alone_under(new)
+    exposure = mix.exposure([new], shading.radiance)
     received: Any = look.received(shading.radiance)
     if mix.kind.adds:
-        mixture = CityMixture.of(mix, mix.level(shading.radiance))
-        received = mixture.beside(relighter, look).shading(look, shading).received
-        shared = shared._replace(mixture=mixture)
-        facts["lamps"] = len(mixture.lamps)
-    shared = shared._replace(exposure=exposure)
+        level = mix.level(shading.radiance)
+        known["beside"] = np.array([level, mix.scale.metre, mix.scale.irradiance, mix.scale.candela])
+        received = beside(mix, level).shading(look, shading).received
+        facts["lamps"] = len(placed)
     after = received * np.float32(exposure)
     shares = vertex_areas(relighter.occluder)
     usual = Usual.of(before.astype(np.float64), after.astype(np.float64), shares)
-    gain = log_gain(captured, before, after, shares, usual)[1]
-    shared = shared._replace(usual=usual._replace(gain=gain))
+    usual = usual._replace(gain=log_gain(captured, before, after, shares, usual)[1])
     if far:
-        shared = shared._replace(background=background_of(store, far, scene, before, after))
-    return {**facts, "exposure": exposure, "sha256": write_shared(store, folder, shared)}
+        known["background"] = background_of(store, far, scene, before, after)
+    shown = mix.captured_factor if mix.kind is LightKind.CAPTURED else mix.env_scale
+    light = Light(sky, exposure, exposure * shown, usual, **known)
+    return {**facts, "exposure": exposure, "sha256": write_light(store, folder, light)}
 
 
 class TileRequest(NamedTuple):
@@ -112,22 +113,23 @@ class TileRequest(NamedTuple):
 def relit_tile(
     store: Store,
     folder: str,
-    key: str,  # of the shared data
+    key: str,  # of the shared light
     request: TileRequest,
     tile: int,
     sources: list[int],  # pieces with splats of the tile
 ) -> dict[str, Any]:
     """Light one tile: files of `formats` in FOLDER/tiles/TILE and FOLDER/sog, and their record, which is returned."""
-    shared = Shared.read(store, folder, key)
-    name = f"{folder}/{folder_of(tile)}"
+    shared, name = shared_at(store.root, folder, key), f"{folder}/{folder_of(tile)}"
     files: dict[str, bytes] = {}
     facts: dict[str, Any] = {"tile": tile, "vertices": 0}
-    splats = _source_splats(store, tile, sources) if {"splat", "sog"} & set(request.formats) else None
-    if shared.coarse[tile] is not None:
-        around = TileNeighborhood(store, shared, tile, request.spacing)
-        files, facts, splats = _lit(shared, around, request, splats)
-        facts = {"tile": tile, **facts}
-    files = {f"{name}/{file}": data for file, data in files.items()}
+    splats = None
+    if sources and {"splat", "sog"} & set(request.formats):  # as the source has them, in its frame
+        parts = [store.read_arrays(f"splats/{number:05d}_{tile:05d}.npz") for number in sources]
+        splats = joined([splats_from(part) for part in parts])
+    if shared.city.coarse[tile] is not None:
+        around = TileNeighborhood(store, shared.city, tile, request.spacing)
+        made, lit = _lit(shared, around, request, splats)
+        files, facts = {f"{name}/{file}": data for file, data in made.items()}, facts | lit
     if splats is not None and "splat" in request.formats:
         files[f"{name}/splats.ply"] = inria_ply_bytes(splats)
     if splats is not None and "sog" in request.formats:
@@ -138,98 +140,76 @@ def relit_tile(
 
 def _lit(
     shared: Shared, around: TileNeighborhood, request: TileRequest, splats: Splats | None
-) -> tuple[dict[str, bytes], dict[str, Any], Splats | None]:
-    """A tile in its parts: its files, facts for its record, and its splats."""
-    mesh, exposure = around.mesh, shared.exposure
+) -> tuple[dict[str, bytes], dict[str, Any]]:
+    """Light a tile in its parts: its files and facts for its record. splats: of the tile, which change in place."""
+    mesh = around.mesh
     parts = around.parts(room_for(request.memory, 0 if splats is None else len(splats), around.coarse))
-    radiance = np.zeros((len(mesh.vertices), 3), np.float32)
-    places = None if splats is None else _places(splats, shared)
-    sh = None if splats is None else splats.sh.copy()
+    radiance, places = np.zeros((len(mesh.vertices), 3), np.float32), np.zeros((0, 2))
+    if splats is not None:
+        matrix = shared.city.scene_from_splat[[0, 2]]
+        with np.errstate(invalid="ignore", over="ignore"):  # splats that are not finite stand at 0
+            places = np.nan_to_num(splats.means @ matrix[:, :3].T + matrix[:, 3])
     facts: dict[str, Any] = {"vertices": len(radiance), "parts": len(parts), "lit_with": 0, "nearest": NEAR}
     for part in parts:
-        chosen = np.zeros(0, np.int64) if places is None else np.flatnonzero(part.holds(places))
-        bound = splats.take(chosen) if splats is not None and len(chosen) else None
+        chosen = np.flatnonzero(part.holds(places))
         local = around.gather(part)
-        radiance[local.rows[local.own]], relit, lit_facts = _lit_part(shared, local, request, bound)
-        if sh is not None and relit is not None:
-            sh[chosen] = relit
+        lit, before, received, about = _lit_part(shared, local, request)
+        radiance[local.rows[local.own]] = lit
+        if splats is not None and len(chosen):
+            splats.sh[chosen] = _relit_sh(splats.take(chosen), local, before, received, shared, request.spacing)
         facts["lit_with"] = max(facts["lit_with"], len(local.shown))
         facts["nearest"] = min(facts["nearest"], part.distance / around.spacing)
-        facts |= {name: max(value, facts.get(name, 0)) for name, value in lit_facts.items()}
-        del local
+        facts |= {name: max(value, facts.get(name, 0)) for name, value in about.items()}
+        del local, before, received
         give_back()
-    shown = np.clip(radiance * np.float32(exposure), 0.0, 1.0)
+    shown = np.clip(radiance * np.float32(shared.light.exposure), 0.0, 1.0)
     files = {}
     if "glb" in request.formats:
         files["mesh.glb"] = glb_bytes(mesh.vertices, mesh.normals, mesh.faces, shown)
     if "ply" in request.formats:
-        colored = Mesh(mesh.vertices, mesh.normals, mesh.faces, bytes_from_unit(srgb_from_linear(shown)))
-        files["mesh.ply"] = mesh_ply_bytes(colored)
+        files["mesh.ply"] = mesh_ply_bytes(replace(mesh, colors_srgb=bytes_from_unit(srgb_from_linear(shown))))
     if "npy" in request.formats:
         buffer = io.BytesIO()
         np.save(buffer, radiance)
         files["radiance.npy"] = buffer.getvalue()
-    if splats is not None and sh is not None:
-        splats = replace(splats, sh=sh)
-    bounds = [mesh.vertices.min(axis=0).tolist(), mesh.vertices.max(axis=0).tolist()]
-    return files, facts | {"bounds": bounds}, splats
+    facts["bounds"] = [mesh.vertices.min(axis=0).tolist(), mesh.vertices.max(axis=0).tolist()]
+    return files, facts
 
 
 def _lit_part(
-    shared: Shared, local: Local, request: TileRequest, splats: Splats | None
-) -> tuple[Radiance, Floats | None, dict[str, Any]]:
-    """Of a part: radiance of its own vertices, the colours of its splats or None, and facts for the record."""
-    relighter = Relighter(local.scene, request.options, shown=lambda: local.shown)
+    shared: Shared, local: Local, request: TileRequest
+) -> tuple[Radiance, Radiance, Radiance, dict[str, Any]]:
+    """Of a part: radiance of its own vertices, the captured and the new irradiance of all, and facts for the record."""
+    options, sky, light = request.options, shared.sky, shared.light
+    relighter = Relighter(local.scene, options, shown=lambda: local.shown)
     captured = local.scene.colors_linear
-    colors, before = _albedo(relighter, captured, shared, request.albedo, request.options.seed)
-    mixture, beside, look = None, None, Appearance(colors, captured, before)
-    if shared.mixture is not None:
+    colors, before = captured, np.ones_like(captured)
+    if request.albedo == "white":
+        colors, before = None, captured
+    elif shared.capture is not None:
+        given = relighter.occluder, captured, shared.capture, light.prior, options.seed
+        colors, before = under_light(*given, relighter.transport(CAPTURE))
+    look, more = Appearance(colors, captured, before), None
+    facts: dict[str, Any] = {}
+    if light.beside is not None:
+        level, *scale = light.beside.tolist()
+        mix = LightMix(options, options.placed, sky, relighter, look, known_scale=LampScale(*scale))
         shown = local.scene.vertices[local.shown][:, [0, 2]].astype(np.float64)
-        mixture = shared.mixture.near(shown.min(axis=0), shown.max(axis=0), request.options.accepted_error)
-        beside = mixture.beside(relighter, look)
-    plan = None if isinstance(shared.sky, CapturedLight) else relighter.plan_for(shared.sky, colors)
+        mix = replace(mix, asked_lamps=lamps_near(mix, shown.min(axis=0), shown.max(axis=0)))
+        more, facts["lamps"] = beside(mix, level), len(mix.asked_lamps)
+        del mix
+    plan = None if isinstance(sky, CapturedLight) else relighter.plan_for(sky, colors)
     if plan is not None:
         relighter.precomputed.forget(plan.settings)  # used for the captured light alone
-    shading = LightMix(request.options, (), shared.sky, relighter, look).alone_under(shared.sky)
+    shading = LightMix(options, (), sky, relighter, look).alone_under(sky)
     del relighter, plan  # which hold all that was traced
     give_back()
+    facts = {"bands": shading.settings.bands, "rays": shading.settings.rays, "suns": shading.sun_count, **facts}
     received: Any = look.received(shading.radiance)
-    if beside is not None:
-        shading = beside.shading(look, shading)
+    if more is not None:
+        shading = more.shading(look, shading)
         received = shading.received
-    own = np.flatnonzero(local.own)
-    facts = {"bands": shading.settings.bands, "rays": shading.settings.rays, "suns": shading.sun_count}
-    if mixture is not None:
-        facts["lamps"] = len(mixture.lamps)
-    relit = None
-    if splats is not None:
-        relit = _relit_sh(splats, local, before, received, shared, request.spacing)
-    return shading.radiance[own], relit, facts
-
-
-def _places(splats: Splats, shared: Shared) -> Floats:
-    """x and z of splats in the scene frame, (N, 2); 0 for non-finite splats."""
-    matrix = shared.scene_from_splat
-    with np.errstate(invalid="ignore", over="ignore"):
-        return np.nan_to_num(splats.means @ matrix[[0, 2], :3].T + matrix[[0, 2], 3])
-
-
-def _albedo(
-    relighter: "Relighter", captured: Radiance, shared: Shared, choice: str, seed: int
-) -> tuple[Radiance | None, Radiance]:
-    """Albedo (V, 3) or None for white, and the captured irradiance, (V, 3)."""
-    if choice == "white":
-        return None, captured
-    if shared.capture is None:
-        return captured, np.ones_like(captured)
-    light, prior = shared.capture, shared.prior
-    return under_light(relighter.occluder, captured, light, prior, seed, relighter.transport(CAPTURE))
-
-
-def _source_splats(store: Store, tile: int, sources: list[int]) -> Splats | None:
-    """The splats of a tile as the source has them, in its frame, or None."""
-    parts = [store.read_arrays(f"splats/{number:05d}_{tile:05d}.npz") for number in sources]
-    return joined([splats_from(part) for part in parts]) if parts else None
+    return shading.radiance[np.flatnonzero(local.own)], before, received, facts
 
 
 def _relit_sh(
@@ -241,7 +221,7 @@ def _relit_sh(
     near = Scene(local.scene.chunks[: local.near], scene_from_splat=matrix)
     count, scale = near.vertex_count, float(np.cbrt(np.linalg.det(matrix[:3, :3])))
     bound = Binding(splats, near, views=(), diagonal=DIAGONAL * spacing / scale)
-    light = SplatLight(after[:count], shared.exposure, usual=shared.usual)
+    light = SplatLight(after[:count], shared.light.exposure, usual=shared.light.usual)
     return relit(BoundSplats(bound, before[:count]), light).sh
 
 
@@ -261,7 +241,9 @@ def relit_environment(store: Store, folder: str, key: str, pieces: list[int], sk
 
 
 def _far(store: Store, folder: str, key: str, piece: int, sky: str) -> Splats:
-    shared, splats = Shared.read(store, folder, key), far_splats(store, piece)
-    if shared.background is None:
+    shared, splats = shared_at(store.root, folder, key), far_splats(store, piece)
+    light = shared.light
+    if light.background is None:
         return splats
-    return relit_background(splats, shared.background, shared.sky, shared.scene_from_splat, shared.sky_exposure, sky)
+    matrix = shared.city.scene_from_splat
+    return relit_background(splats, light.background, shared.sky, matrix, light.sky_exposure, sky)

@@ -8,8 +8,9 @@ import numpy as np
 
 from relight import Environment, LightingOptions
 from relight.options import PLACE_TOLERANCE
+from relight.splats.light_ratio import Usual
 from relight.tiles.local import tile_mesh
-from relight.tiles.shared import coarse_city, write_shared
+from relight.tiles.shared import Light, SkyImage, coarse_city, write_light
 from relight.tiles.work import TileRequest, relit_tile
 from relight.transfer.occluder import Occluder
 from relight.transfer.reference import reference
@@ -35,10 +36,10 @@ def light_error(scene, light, tiles, vertices, memory=None, seed=0):
     """
     store = Store(scene)
     plan, sky = CityPlan(**store.read_json(FILE)["plan"]), Environment.load(light)
-    shared = coarse_city(store, sky)
-    key = write_shared(store, FOLDER, shared)
+    coarse_meshes = coarse_city(store).coarse
+    key = write_light(store, FOLDER, Light(SkyImage.of(sky), 1.0, 1.0, Usual(np.ones(3), np.ones(3))))
     rng = np.random.default_rng(seed)
-    full = [tile for tile, mesh in enumerate(shared.coarse) if mesh is not None]
+    full = [tile for tile, mesh in enumerate(coarse_meshes) if mesh is not None]
     chosen = np.sort(rng.choice(full, min(tiles, len(full)), replace=False)).tolist()
     found, truth, spent = [], [], 0.0
     try:
@@ -48,7 +49,7 @@ def light_error(scene, light, tiles, vertices, memory=None, seed=0):
             spent += time.process_time() - start
             radiance = np.load(io.BytesIO(store.read(f"{FOLDER}/{folder_of(tile)}/radiance.npy")))
             near = [other for other in plan.near(tile, REACH * plan.spacing) if other != tile and other in full]
-            coarse = [shared.coarse[other] for other in full if other not in {tile, *near}]
+            coarse = [coarse_meshes[other] for other in full if other not in {tile, *near}]
             place = Scene([tile_mesh(store, tile), *(tile_mesh(store, other) for other in near), *coarse])
             rows = np.sort(rng.choice(len(radiance), min(-(-vertices // len(chosen)), len(radiance)), replace=False))
             truth.append(reference(Occluder(place.vertices, place.normals, place.faces), rows, sky, DIRECTIONS))

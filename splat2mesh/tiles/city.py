@@ -8,28 +8,26 @@ tiles/00003/         mesh.ply, mesh.glb, its coarse twins far.ply, far.glb and, 
 city.json            all tiles; tileset.json: 3D Tiles
 """
 
-import hashlib
-import json
 import os
-import tempfile
+from collections import Counter
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
 from ..base.errors import InputError
 from ..base.inputs import is_url
-from ..base.outputs import check_output
 from ..base.progress import Stages
 from ..base.version import VERSION
 from ..options import ConvertOptions, TilingOptions, refuse_in_cities
-from .look import look, probe
+from .look import look, probe, sights_of
 from .memory import BASE_GB
 from .pieces import CityPiece, pieces_of, size_of
-from .plan import FILE, GB_PER_SPLAT, CityPlan, folder_of, splats_for
+from .plan import FILE, GB_PER_SPLAT, CityPlan, folder_of, known_plan, splats_for
 from .store import Store
 from .surface import mesh
-from .survey import deal, plan_of, say_all_dropped, survey_tasks
-from .tasks import Done, Loop, Task, TaskSteps, costs, tiling_engine
+from .survey import SAMPLE, deal, dealt_of, plan_of, sources_of, survey
+from .tasks import Done, Loop, Task, TaskSteps, tiling_engine
 from .tileset import tileset
 
 CITY, SCHEMA_VERSION = "city.json", 1
@@ -69,131 +67,87 @@ def city_in_steps(
     overwrite: bool = False,
 ) -> dict[str, Any]:
     """The same by an engine that runs already."""
-    store, resume = steps.store, tiling.resume
-    asked: dict[str, Any] = {
-        "up": options.up,
-        "detail": options.detail,
-        "memory": tiling.memory,
-        "tile_splats": tiling.tile_splats,
-        "vertices": options.vertices,
-    }
+    store = steps.store
     pieces = pieces_of(os.fspath(source), options.lod)
+    asked = _asked(options, tiling, options.vertices)
     asked["source"] = [[piece.path, piece.first, piece.last, size_of(piece)] for piece in pieces]
-    if not _goes_on(store, asked, overwrite, resume):
-        _surveyed(steps, pieces, asked)
-    key = hashlib.sha256(store.read(FILE)).hexdigest()
-    plan = CityPlan.read(store, key)
-    sources = _dealt(steps, plan, key)
+    if not store.begin("", FILE, asked, overwrite, tiling.resume):
+        store.write("work/begun", b"")  # an unwritable folder fails before a large source is read
+        try:
+            plan = _planned(steps, pieces, asked)
+        except InputError:  # bad input, and nothing of value was written yet
+            store.remove()
+            raise
+        store.write_json(FILE, {"asked": asked, "plan": asdict(plan)})
+    key, plan = known_plan(store)
+    deals = [Task(f"deal {n}", deal, (store, key, n), record=dealt_of(n)) for n in range(len(plan.pieces))]
+    steps.need("deal", [task for task in deals if not store.exists(task.record)])
+    sources = sources_of(store, plan)
     if plan.fog == 0.0:
         key, plan = _probed(steps, plan, key, sources)
-    records = _meshed(steps, plan, key, sources, resume)
+    records = _meshed(steps, plan, key, sources, tiling.resume)
     return _finished(steps, plan, records, source)
 
 
-def _goes_on(store: Store, asked: dict[str, Any], overwrite: bool, resume: bool) -> bool:
-    """Whether there is a plan to resume. Raises InputError for a folder that must not be written."""
-    there = store.exists(FILE)
-    if resume:
-        if there and store.read_json(FILE)["asked"] != json.loads(json.dumps(asked)):
-            raise InputError(
-                f"{store.root}: was started with other settings or another source, so `resume` cannot continue"
-            )
-        return there
-    if store.is_local:
-        check_output(store.root, overwrite, FILE)
-    elif there and not overwrite:
-        raise InputError(f"{store.root} exists already: choose another `output`, or `overwrite` or `resume` it")
-    store.remove(".")
-    store.write("work/begun", b"")  # an unwritable folder fails before a large source is read
-    return False
+def _asked(options: ConvertOptions, tiling: TilingOptions, vertices: int | None) -> dict[str, Any]:
+    """The settings that a resumed run must share."""
+    asked: dict[str, Any] = {"up": options.up, "detail": options.detail}
+    return asked | {"memory": tiling.memory, "tile_splats": tiling.tile_splats, "vertices": vertices}
 
 
-def _surveyed(steps: TaskSteps, pieces: list[CityPiece], asked: dict[str, Any]) -> CityPlan:
-    """Read the source and plan the city, in FILE. Raises InputError for one that cannot be read or planned."""
-    tasks = survey_tasks(steps.store, pieces)
+def _planned(steps: TaskSteps, pieces: list[CityPiece], asked: dict[str, Any]) -> CityPlan:
+    """Read the source and plan the city. Raises InputError for one that cannot be read or planned."""
+    most = max(1, SAMPLE // len(pieces))
+    tasks = [Task(f"survey {n}", survey, (piece, most)) for n, piece in enumerate(pieces)]
     found = steps.run("survey", tasks)
-    lost = [done for done in found.values() if done.error]
-    if lost:  # an unreadable source is bad input, and nothing of value was written yet
-        steps.store.remove(".")
-        raise InputError(lost[0].error)
-    counts = [found[task.name].result for task in tasks]
-    say_all_dropped(counts)
-    try:
-        plan = plan_of(steps.store, pieces, counts, asked)
-    except InputError:
-        steps.store.remove(".")
-        raise
-    steps.store.write_json(FILE, {"asked": asked, "plan": plan.as_dict()})
-    steps.store.remove("work/survey")
-    return plan
-
-
-def _dealt(steps: TaskSteps, plan: CityPlan, key: str) -> dict[int, list[int]]:
-    """For each tile the pieces that hold splats of it."""
-    names = [f"splats/{number:05d}.json" for number in range(len(plan.pieces))]
-    missing = [number for number, name in enumerate(names) if not steps.store.exists(name)]
-    steps.need("deal", [Task(f"deal {n}", deal, (steps.store, key, n)) for n in missing])
-    sources: dict[int, list[int]] = {tile: [] for tile in range(len(plan.tiles))}
-    for number, name in enumerate(names):
-        for tile in steps.store.read_json(name)["dealt"]:
-            if int(tile) >= 0:
-                sources[int(tile)].append(number)
-    return sources
+    for done in found.values():
+        if done.error:
+            raise InputError(done.error)
+    return plan_of(pieces, [found[task.name].result for task in tasks], asked)
 
 
 def _near(plan: CityPlan, sources: dict[int, list[int]], tile: int) -> dict[int, list[int]]:
-    return {other: sources[other] for other in plan.near(tile, plan.reach)}
+    return {other: sources.get(other, []) for other in plan.near(tile, plan.reach)}
 
 
 def _probed(steps: TaskSteps, plan: CityPlan, key: str, sources: dict[int, list[int]]) -> tuple[str, CityPlan]:
-    """The plan with the thickness of surfaces, measured in a few of the fullest tiles."""
-    fullest = np.argsort(-np.array(plan.counts), kind="stable")
-    chosen = sorted(fullest[np.linspace(0, (len(fullest) - 1) / 2, PROBED).astype(int)].tolist())
-    tasks = [Task(f"probe {t}", probe, (steps.store, key, t, _near(plan, sources, t))) for t in dict.fromkeys(chosen)]
+    """The plan with the thickness of surfaces, measured in a few of the fullest tiles, and its key."""
+    store, fullest = steps.store, np.argsort(-np.array(plan.counts), kind="stable")
+    chosen = sorted({int(tile) for tile in fullest[np.linspace(0, (len(fullest) - 1) / 2, PROBED).astype(int)]})
+    tasks = [Task(f"probe {t}", probe, (store, key, t, _near(plan, sources, t))) for t in chosen]
     ratios = np.array([ratio for found in steps.need("probe", tasks) for ratio in found])
     plan.fog = max(float(np.median(ratios)) if len(ratios) else 0.0, 1e-6)
-    asked = steps.store.read_json(FILE)["asked"]
-    steps.store.write_json(FILE, {"asked": asked, "plan": plan.as_dict()})
-    key = hashlib.sha256(steps.store.read(FILE)).hexdigest()
-    return key, CityPlan.read(steps.store, key)
+    store.write_json(FILE, {"asked": store.read_json(FILE)["asked"], "plan": asdict(plan)})
+    return known_plan(store)
 
 
 def _meshed(
     steps: TaskSteps, plan: CityPlan, key: str, sources: dict[int, list[int]], resumed: bool
 ) -> list[dict[str, Any]]:
-    """The records of all tiles. Raises UnfinishedError, which names the failed ones, once the others are done."""
-    store, count = steps.store, len(plan.tiles)
-    names = [f"{folder_of(tile)}/mesh.json" for tile in range(count)]
-    records = steps.committed(names) if resumed else [None] * count
-    tasks, waiting = _mesh_tasks(steps, plan, key, sources, [tile for tile in range(count) if records[tile] is None])
+    """The records of all tiles. Views are made before the meshes that need them, and go after the last of these. Raises
+    UnfinishedError, which names the failed ones, once the others are done."""
+    store, looks, meshes = steps.store, {}, []
+    for tile in range(len(plan.tiles)):
+        given = store, key, tile, _near(plan, sources, tile)
+        looks[f"look {tile}"] = Task(f"look {tile}", look, given, record=sights_of(tile))
+        after = tuple(f"look {other}" for other in plan.seers(tile))
+        meshes.append(Task(f"mesh {tile}", mesh, given[:3], after, f"{folder_of(tile)}/mesh.json"))
+    tasks: dict[str, Task] = {}
+    waiting: Counter[str] = Counter()
+    for task in steps.left(meshes) if resumed else meshes:
+        new = [name for name in task.after if name not in waiting]
+        tasks |= {name: looks[name] for name in new if not store.exists(looks[name].record)}
+        tasks[task.name] = task
+        waiting.update(task.after)
 
     def arrived(done: Done) -> None:
-        kind, number = done.name.split()
-        if kind == "mesh" and not done.error:
-            for other in plan.seers(int(number)):
-                waiting[other] -= 1
-                if waiting[other] == 0:
-                    store.remove_file(f"work/sights/{other:05d}.json")
-                    store.remove_file(f"work/sights/{other:05d}.npz")
+        for name in () if done.error else tasks[done.name].after:
+            waiting[name] -= 1
+            if not waiting[name]:
+                store.remove(looks[name].record)
 
-    steps.need("tiles", tasks, arrived, "mesh")
-    return [store.read_json(name) for name in names]
-
-
-def _mesh_tasks(
-    steps: TaskSteps, plan: CityPlan, key: str, sources: dict[int, list[int]], missing: list[int]
-) -> tuple[list[Task], dict[int, int]]:
-    """What makes some tiles: views before the meshes that need them; and how many meshes need those of each tile."""
-    tasks: list[Task] = []
-    waiting = dict.fromkeys(range(len(plan.tiles)), 0)
-    for tile in missing:
-        for other in plan.seers(tile):
-            if not waiting[other] and not steps.store.exists(f"work/sights/{other:05d}.json"):
-                tasks.append(Task(f"look {other}", look, (steps.store, key, other, _near(plan, sources, other))))
-            waiting[other] += 1
-        after = tuple(f"look {other}" for other in plan.seers(tile))
-        tasks.append(Task(f"mesh {tile}", mesh, (steps.store, key, tile), after))
-    return tasks, waiting
+    steps.need("tiles", list(tasks.values()), arrived, "mesh")
+    return [store.read_json(task.record) for task in meshes]
 
 
 def _finished(
@@ -220,14 +174,13 @@ def _finished(
         "tiles": tiles,
     }
     store.write_json(CITY, meta)
-    store.write_json("tileset.json", tileset(full, "mesh.glb", "far.glb", plan.finest))
+    store.write_json("tileset.json", tileset(full, plan.finest, twins=True))
     store.remove("work")
     return {
         **totals,
         "scene": store.root,
         "bytes": sum(about["bytes"] for entry in tiles for about in entry["files"].values()),
-        "seconds": dict(steps.stages.seconds),
-        **costs(steps.took.values()),
+        **steps.costs(),
     }
 
 
@@ -243,10 +196,7 @@ def outlook(
     options, tiling = options or ConvertOptions(), tiling or TilingOptions()
     refuse_in_cities(options, KNOWN)
     pieces = pieces_of(os.fspath(source), options.lod)
-    settings: dict[str, Any] = {"up": options.up, "detail": options.detail, "vertices": None}
-    settings |= {"memory": tiling.memory, "tile_splats": tiling.tile_splats}
-    with tempfile.TemporaryDirectory() as folder:
-        plan = _surveyed(TaskSteps(Store(folder), Loop(), stages or Stages()), pieces, settings)
+    plan = _planned(TaskSteps(Store("."), Loop(), stages or Stages()), pieces, _asked(options, tiling, None))
     most = splats_for(tiling.memory, tiling.tile_splats)  # of the fullest tile, its halo included
     return {
         "splats": plan.splats,

@@ -16,7 +16,7 @@ from ..surface.extract import PROBE_PIXELS, PROBES, dilated
 from ..surface.place import DILATION, LEVEL
 from ..surface.sight import FusionSight, Sighting
 from ..views.eyes import Eye, around
-from .plan import INFLUENCE, RING, CityPlan, grown
+from .plan import INFLUENCE, RING, CityPlan, grown, plan_at
 from .stations import stations_of
 from .store import Store
 from .survey import splats_of
@@ -30,7 +30,7 @@ UP = np.array([0.0, 1.0, 0.0])
 
 def probe(store: Store, key: str, tile: int, sources: dict[int, list[int]]) -> list[float]:
     """Thickness of the surfaces that a few stations of a tile see, over their distance: a sample of it."""
-    known = CityPlan.read(store, key)
+    known = plan_at(store.root, key)
     splats, stations = _prepare(store, known, tile, sources)
     chosen = stations[:: max(1, len(stations) // PROBES)]
     ratios = []
@@ -41,14 +41,17 @@ def probe(store: Store, key: str, tile: int, sources: dict[int, list[int]]) -> l
     return ratios
 
 
-def look(store: Store, key: str, tile: int, sources: dict[int, list[int]]) -> dict[str, Any]:
-    """Make the depth maps of a tile's stations: work/sights/TILE.npz."""
-    known = CityPlan.read(store, key)
+def sights_of(tile: int) -> str:
+    """The file of a tile's depth maps."""
+    return f"work/sights/{tile:05d}.npz"
+
+
+def look(store: Store, key: str, tile: int, sources: dict[int, list[int]]) -> None:
+    """Make the depth maps of a tile's stations: `sights_of` it, with lowest and highest x and z of what they show."""
+    known = plan_at(store.root, key)
     splats, stations = _prepare(store, known, tile, sources)
     views, near = around(stations, known.pixels, UP)
-    poses: list[Any] = []
-    bounds: list[Any] = []
-    kept: dict[str, list[Any]] = {name: [] for name in ("depth", "normal", "spread", "thickness", "color")}
+    kept: list[dict[str, Any]] = []
     sizes = splats.scales.max(axis=1, initial=0.0)
     for number, (view, plane) in enumerate(zip(views, near, strict=True)):
         if number % 6 == 0:  # views of one station
@@ -60,20 +63,21 @@ def look(store: Store, key: str, tile: int, sources: dict[int, list[int]]) -> di
             depth = np.where(seen.depth * rays <= known.reach, seen.depth, np.nan).astype(np.float32)
         if not np.isfinite(depth).any():
             continue
-        poses.append(view.camera_from_world)
-        bounds.append(_bounds_of(view, depth))
-        kept["depth"].append(depth)
-        kept["normal"].append(seen.normal.astype(np.float16))
-        kept["spread"].append(seen.spread.astype(np.float32))
-        kept["thickness"].append(thickness.astype(np.float32))
-        kept["color"].append(np.clip(np.round(255 * np.nan_to_num(seen.color)), 0, 255).astype(np.uint8))
-    arrays: dict[str, Any] = {name: np.array(values) for name, values in kept.items()}
-    focal = views[0].fx if views else 1.0
-    arrays |= {"poses": np.array(poses).reshape(-1, 4, 4), "bounds": np.array(bounds).reshape(-1, 2, 2), "focal": focal}
-    store.write_arrays(f"work/sights/{tile:05d}.npz", **arrays)
-    facts = {"stations": len(stations), "views": len(poses), "splats": len(splats)}
-    store.write_json(f"work/sights/{tile:05d}.json", facts)
-    return facts
+        points = _ground_of(view, depth).reshape(-1, 2)
+        kept.append(
+            {
+                "poses": view.camera_from_world,
+                "focal": view.fx,
+                "bounds": np.stack([np.nanmin(points, axis=0), np.nanmax(points, axis=0)]),
+                "depth": depth,
+                "normal": seen.normal.astype(np.float16),
+                "spread": seen.spread.astype(np.float32),
+                "thickness": thickness.astype(np.float32),
+                "color": np.clip(np.round(255 * np.nan_to_num(seen.color)), 0, 255).astype(np.uint8),
+            }
+        )
+    arrays = {name: np.array([each[name] for each in kept]) for name in (kept[0] if kept else ())}
+    store.write_arrays(sights_of(tile), views=len(kept), **arrays)
 
 
 def _prepare(store: Store, plan: CityPlan, tile: int, sources: dict[int, list[int]]) -> tuple[Splats, list[Eye]]:
@@ -91,11 +95,13 @@ def shots_around(store: Store, plan: CityPlan, tile: int) -> Iterator[Sighting]:
     points lies near enough to matter: all others leave no trace there."""
     low, high = _range(plan, tile)
     for other in plan.seers(tile):
-        kept = store.read_arrays(f"work/sights/{other:05d}.npz")
+        kept = store.read_arrays(sights_of(other))
+        if not kept["views"]:
+            continue
         touching = (kept["bounds"][:, 0] < high).all(axis=1) & (kept["bounds"][:, 1] >= low).all(axis=1)
         for row in np.flatnonzero(touching):
             size = kept["depth"].shape[1]
-            focal = float(kept["focal"])
+            focal = float(kept["focal"][row])
             view = View(size, size, focal, focal, size / 2, size / 2, kept["poses"][row])
             depth = kept["depth"][row]
             points = _ground_of(view, depth)
@@ -113,12 +119,6 @@ def shots_around(store: Store, plan: CityPlan, tile: int) -> Iterator[Sighting]:
 def _ground_of(view: View, depth: DepthMap) -> Floats:
     """(H, W, 2) x and z of a view's surface points."""
     return (view.center + view.ray_directions() * depth[..., None])[..., [0, 2]]
-
-
-def _bounds_of(view: View, depth: DepthMap) -> Floats:
-    """(2, 2) lowest and highest x and z of a view's surface points."""
-    points = _ground_of(view, depth).reshape(-1, 2)
-    return np.stack([np.nanmin(points, axis=0), np.nanmax(points, axis=0)])
 
 
 def sight_of(shot: Sighting, plan: CityPlan, tile: int) -> FusionSight:

@@ -3,6 +3,7 @@
 import ctypes
 import math
 import os
+from collections.abc import Callable
 
 from ..base.errors import InputError
 from ..base.inputs import MIB
@@ -30,15 +31,15 @@ def check_memory(memory_gb: float, least_gb: float) -> None:
 def give_back() -> None:
     """Return free memory within the heap to the system. Freed maps, of thousands, leave holes that no large array fits
     into."""
-    trim = getattr(ctypes.CDLL(None), "malloc_trim", None) if os.name == "posix" else None
-    if trim is not None:
-        trim(0)
+    _allocator("malloc_trim")(0)
 
 
-def keep_memory() -> bool:
-    """Let this process keep freed memory for later arrays; returns whether it could, which needs glibc."""
-    mallopt = getattr(ctypes.CDLL(None), "mallopt", None) if os.name == "posix" else None
-    if mallopt is None:
-        return False
-    wanted = {_M_MMAP_THRESHOLD: MAPPED, _M_TRIM_THRESHOLD: KEPT, _M_ARENA_MAX: ARENAS}
-    return all(mallopt(name, value) == 1 for name, value in wanted.items())
+def keep_memory() -> None:
+    """Let this process keep freed memory for later arrays."""
+    for name, value in ((_M_MMAP_THRESHOLD, MAPPED), (_M_TRIM_THRESHOLD, KEPT), (_M_ARENA_MAX, ARENAS)):
+        _allocator("mallopt")(name, value)
+
+
+def _allocator(name: str) -> Callable[..., object]:
+    """A function of glibc; elsewhere one that does nothing."""
+    return getattr(ctypes.CDLL(None), name, lambda *_: None) if os.name == "posix" else lambda *_: None

@@ -5,8 +5,6 @@ Files in a bucket are copied to the worker that reads them, one at a time.
 
 import os
 import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -18,7 +16,7 @@ from ..base.errors import DataWarning, InputError
 from ..base.inputs import inside, is_url
 from ..splats.facts import HERE, Vector3
 from ..splats.formats import inria, sog, streamed
-from ..splats.formats.parts import SUFFIXES, check_lod, parts_of
+from ..splats.formats.parts import Parts, parts_of
 from ..splats.formats.ply import Ply
 from ..splats.formats.read import read_splats
 from ..splats.formats.register import kind_of_file
@@ -51,11 +49,7 @@ def pieces_of(path: str, lod: Any = "auto") -> list[CityPiece]:
     if not Path(path).exists():
         raise InputError(f"{path}: no such file")
     try:
-        found = parts_of(path, lod)
-        if lod == "auto" and found.level:
-            found = parts_of(path, 0)
-        if found.note:
-            warnings.warn(found.note, DataWarning, stacklevel=2)
+        found = _finest(path, lod)
         pieces = [piece for tile in found.tiles for piece in _cut(tile)]
         if found.environment is not None:
             pieces.append(CityPiece(str(found.environment), 0, -1, True))
@@ -63,6 +57,15 @@ def pieces_of(path: str, lod: Any = "auto") -> list[CityPiece]:
     except OSError as error:
         raise InputError(f"cannot read {error.filename or path}: {error.strerror or error}") from error
     return [piece._replace(offset=offset) for piece in pieces]
+
+
+def _finest(path: str | Path, lod: Any) -> Parts:
+    found = parts_of(path, lod)
+    if lod == "auto" and found.level:
+        found = parts_of(path, 0)
+    if found.note:
+        warnings.warn(found.note, DataWarning, stacklevel=2)
+    return found
 
 
 def _offset_of(tiles: tuple[Path, ...]) -> Vector3:
@@ -82,32 +85,32 @@ def _cut(path: Path) -> list[CityPiece]:
 
 
 def _in_bucket(url: str, lod: Any) -> list[CityPiece]:
-    names = Store(url).listed()
-    if not names:
-        raise InputError(f"{url}: no such file")
-    if streamed.META in names:
-        with TemporaryDirectory() as folder:
-            meta = Path(folder).resolve() / streamed.META
-            meta.write_bytes(Store(url).read(streamed.META))
-            capture = streamed.open_streamed(meta)
-            level = 0 if lod == "auto" else streamed.level_of(meta, capture.counts, check_lod(lod))
-            pieces = [_under(url, meta.parent, path) for path in capture.tiles[level]]
-            far = capture.environment
-            return pieces + ([_under(url, meta.parent, far)._replace(environment=True)] if far is not None else [])
-    if lod != "auto":
-        raise InputError(f"`lod` {lod}: {url} has no levels of detail, which only a streamed SOG has")
-    if "" in names or sog.META in names:
-        return [CityPiece(url, 0, -1, False)]
-    tops = {name.split("/")[0] for name in names if name.count("/") == (name.endswith("/" + sog.META))}
-    tiles = sorted(top for top in tops if top.lower().endswith(SUFFIXES) or f"{top}/{sog.META}" in names)
-    if not tiles:
-        raise InputError(f"{url}: no splat file lies in it")
-    return [CityPiece(f"{url}/{name}", 0, -1, False) for name in tiles]
+    """The pieces of a URL are those of a folder with the same names."""
+    with TemporaryDirectory() as folder:
+        top = _copy(url, Path(folder).resolve(), streamed.META)
+        if not top.exists():
+            raise InputError(f"{url}: no such file")
+        try:
+            found = _finest(top, lod)
+        except InputError as error:
+            raise InputError(str(error).replace(str(top), url)) from None
+        far = found.environment
+        pieces = []
+        for path in (*found.tiles, *(() if far is None else (far,))):
+            whole = path.parent if path.name == sog.META else path  # its pictures lie beside it
+            pieces.append(CityPiece(url + str(whole).removeprefix(str(top)).replace(os.sep, "/"), 0, -1, path is far))
+        return pieces
 
 
-def _under(url: str, folder: Path, path: Path) -> CityPiece:
-    path = path.parent if path.name == sog.META else path  # its pictures lie beside it
-    return CityPiece(f"{url}/{path.relative_to(folder).as_posix()}", 0, -1, False)
+def _copy(url: str, folder: Path, wanted: str = "") -> Path:
+    """Copy the file or folder of a URL into a folder; returns where it is. wanted: ending of the names of files that
+    are copied; others are empty."""
+    store, top = Store(url), folder / url.rsplit("/", 1)[1]
+    for name in store.listed():
+        target = inside(top, name, url) if name else top  # it may name anything
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_bytes(store.read(name) if name.endswith(wanted) else b"")
+    return top
 
 
 def size_of(piece: CityPiece) -> int:
@@ -115,31 +118,15 @@ def size_of(piece: CityPiece) -> int:
     return sum(Store(piece.path).listed().values()) if is_url(piece.path) else os.path.getsize(piece.path)
 
 
-@contextmanager
-def _here(path: str) -> Iterator[str]:
-    """A local path for a path or URL; a copy is removed afterwards."""
-    if not is_url(path):
-        yield path
-        return
-    store, name = Store(path), path.rsplit("/", 1)[1]
-    with TemporaryDirectory(prefix="splat2mesh.") as folder:
-        for below in store.listed():
-            target = inside(Path(folder) / name, below, path) if below else Path(folder) / name  # it may name anything
-            target.parent.mkdir(parents=True, exist_ok=True)
-            target.write_bytes(store.read(below))
-        yield str(Path(folder) / name)
-
-
 def read_piece(piece: CityPiece) -> Splats:
     """The splats of a piece, as the file has them. Raises InputError as `read_splats` does."""
     piece = CityPiece(*piece)
     x, y, z = piece.offset
     offset = float(x), float(y), float(z)
-    with _here(piece.path) as path:
-        if piece.last < 0:
-            splats = read_splats(path)
-            facts = replace(splats.facts, offset=offset)
-            splats = replace(splats, means=at_offset(splats, offset), facts=facts)
-            return replace(splats, environment=np.ones(len(splats), bool)) if piece.environment else splats
+    if piece.last >= 0:
         with np.errstate(over="ignore", invalid="ignore"):
-            return inria.read(Ply.open(path), slice(piece.first, piece.last), offset)
+            return inria.read(Ply.open(piece.path), slice(piece.first, piece.last), offset)
+    with TemporaryDirectory(prefix="splat2mesh.") as folder:
+        splats = read_splats(_copy(piece.path, Path(folder)) if is_url(piece.path) else piece.path)
+    splats = replace(splats, means=at_offset(splats, offset), facts=replace(splats.facts, offset=offset))
+    return replace(splats, environment=np.ones(len(splats), bool)) if piece.environment else splats

@@ -4,10 +4,10 @@ The lattice starts at the origin; a block is as wide as the largest cell, so the
 is seen in and around it, not on the tile that computes it.
 """
 
-import json
 import math
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
+from hashlib import sha256
 from typing import Any
 
 import numpy as np
@@ -104,11 +104,6 @@ class CityPlan:
         """Distance between stations."""
         return STATION_SPACING * REFERENCE_PIXELS * self.pixel
 
-    @property
-    def rotation(self) -> NDArray[np.float64]:
-        """(4, 4) scene_from_splat."""
-        return np.array(self.scene_from_splat)
-
     def core(self, tile: int) -> NDArray[np.float64]:
         """The rectangle of a tile: (2, 2) lowest and highest x and z."""
         return self._cores[tile]
@@ -132,23 +127,10 @@ class CityPlan:
         block = np.floor(np.asarray(places, np.float64) / self.block).astype(np.int64)
         corners = np.array(self.tiles)
         low, high = corners[:, :2].min(axis=0), corners[:, 2:].max(axis=0)
-        map_ = np.full(high - low, -1, np.int32)
-        for number, (x0, z0, x1, z1) in enumerate(self.tiles):
-            map_[x0 - low[0] : x1 - low[0], z0 - low[1] : z1 - low[1]] = number
-        inside = ((block >= low) & (block < high)).all(axis=1)
-        found = np.full(len(block), -1, np.int64)
-        at = block[inside] - low
-        found[inside] = map_[at[:, 0], at[:, 1]]
-        return found
-
-    @classmethod
-    def read(cls, store: Store, key: str) -> "CityPlan":
-        """The plan of a city's folder; key: its checksum, by which a worker recognises a plan that it has read."""
-        return _read_plan(store.root, key)
-
-    def as_dict(self) -> dict[str, Any]:
-        """JSON-clean."""
-        return asdict(self)
+        map_ = np.full(high - low + 2, -1, np.int64)  # with a border of none
+        for number, (x0, z0, x1, z1) in enumerate(corners - np.tile(low - 1, 2)):
+            map_[x0:x1, z0:z1] = number
+        return map_[tuple((np.clip(block, low - 1, high) - low + 1).T)]
 
 
 def apart(places: NDArray, weights: NDArray) -> float:
@@ -176,8 +158,16 @@ def folder_of(tile: int) -> str:
 
 
 @lru_cache(2)
-def _read_plan(root: str, key: str) -> CityPlan:
-    return CityPlan(**json.loads(Store(root).read_unchanged(FILE, key))["plan"])
+def plan_at(root: str, key: str) -> CityPlan:
+    """The plan of a city at the root of a Store. key: its checksum, by which a worker recognises one that it has
+    read."""
+    return CityPlan(**Store(root).read_json(FILE, key)["plan"])
+
+
+def known_plan(store: Store) -> tuple[str, CityPlan]:
+    """The key of a city's plan, and the plan."""
+    key = sha256(store.read(FILE)).hexdigest()
+    return key, plan_at(store.root, key)
 
 
 def splats_for(memory_gb: float | None, wanted: int | None = None) -> int:
@@ -221,10 +211,9 @@ def cut(
             continue
         middle = round(float(np.median(own[axis])) / block) if own.size else (start + stop) // 2
         middle = min(max(middle, start + least), stop - least)
-        halves = (
-            ([x0, z0, middle, z1], [middle, z0, x1, z1]) if axis == 0 else ([x0, z0, x1, middle], [x0, middle, x1, z1])
-        )
-        pending += [(halves[1], splats), (halves[0], splats)]
+        below, above = [x0, z0, x1, z1], [x0, z0, x1, z1]
+        below[axis + 2] = above[axis] = middle
+        pending += [(above, splats), (below, splats)]
     return [tile for tile, _ in done], [count for _, count in done]
 
 

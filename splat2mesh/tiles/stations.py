@@ -3,8 +3,6 @@
 The inside of houses, which no capture saw, has no way to the sky.
 """
 
-from collections.abc import Iterator
-
 import numpy as np
 import scipy
 from numpy.typing import NDArray
@@ -56,23 +54,16 @@ def stations_of(
     sky = np.zeros(parts.max() + 1, bool)
     sky[parts[:, -1]] = True
     free &= sky[parts]  # what is no part is not free
-    found = []
-    for column in _columns(core, spacing):
-        found += _in_column(column, low, cell, clearance, free, taken)
+    counts = np.maximum(np.round((core[1] - core[0]) / spacing).astype(int), 1)
+    step, found = (core[1] - core[0]) / counts, []
+    for place in np.ndindex(*counts):
+        start = core[0] + step * place
+        found += _in_column(np.stack([start, start + step]), low, cell, clearance, free, taken)
     return found
 
 
-def _columns(core: Floats, spacing: float) -> Iterator[NDArray[np.float64]]:
-    """Squares of about the spacing that cover the core: (2, 2) lowest and highest x and z each."""
-    counts = np.maximum(np.round((core[1] - core[0]) / spacing).astype(int), 1)
-    step = (core[1] - core[0]) / counts
-    for i in range(counts[0]):
-        for j in range(counts[1]):
-            start = core[0] + step * [i, j]
-            yield np.stack([start, start + step])
-
-
 def _in_column(column: Floats, low: Vector, cell: float, clearance: Floats, free: Mask, taken: Mask) -> list[Eye]:
+    """The stations above a square of about the spacing, (2, 2) its lowest and highest x and z, from below upwards."""
     first = np.maximum(((column[0] - low[[0, 2]]) / cell).astype(int), 0)
     last = np.maximum(np.ceil((column[1] - low[[0, 2]]) / cell).astype(int), first + 1)
     box = slice(first[0], last[0]), slice(None), slice(first[1], last[1])

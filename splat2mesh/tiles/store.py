@@ -10,69 +10,53 @@ import os
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..base.errors import InputError
 from ..base.extras import needed
+from ..base.inputs import is_url
+from ..base.outputs import check_output
 
 
 class Store:
     """Files under one root, by names with slashes. root: a path, or a URL of fsspec such as s3://bucket/city. Can be
-    pickled: a worker opens it again. Raises InputError where the root cannot be reached or written."""
+    pickled. Raises InputError where the root cannot be reached or written."""
 
     def __init__(self, root: str | os.PathLike[str]) -> None:
-        self.root = os.fspath(root)
-        self._fs: Any = None
-        if "://" in self.root:
-            self.root = self.root.rstrip("/")
-        else:
-            self.root = os.path.abspath(self.root)
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {"root": self.root, "_fs": None}
-
-    @property
-    def is_local(self) -> bool:
-        """Whether it is a local folder."""
-        return "://" not in self.root
+        self.is_local = not is_url(root)
+        self.root = os.path.abspath(root) if self.is_local else os.fspath(root).rstrip("/")
 
     def path(self, name: str) -> str:
-        """The whole name of a file, as its file system takes it."""
+        """The whole name of a file, as its file system takes it; of the root without one."""
         return f"{self.root}/{name}" if name else self.root
 
-    def write(self, name: str, data: bytes) -> None:
-        """Write a file. Object stores show an object only once it is whole; a folder gets it by a rename."""
+    def write(self, name: str, data: bytes) -> str:
+        """Write a file; returns its SHA-256. Object stores show an object only once it is whole; a folder gets it by a
+        rename."""
         path = self.path(name)
         with _about(f"cannot write {path}"):
-            if not self.is_local:
+            if self.is_local:
+                staging = Path(f"{path}.{os.getpid()}.part")
+                staging.parent.mkdir(parents=True, exist_ok=True)
+                try:
+                    staging.write_bytes(data)
+                    staging.replace(path)
+                finally:
+                    staging.unlink(missing_ok=True)
+            else:
                 self._remote().pipe_file(path, data)
-                return
-            os.makedirs(os.path.dirname(path), exist_ok=True)
-            staging = f"{path}.{os.getpid()}.part"
-            try:
-                with open(staging, "wb") as file:
-                    file.write(data)
-                os.replace(staging, path)
-            finally:
-                if os.path.lexists(staging):
-                    os.unlink(staging)
+        return hashlib.sha256(data).hexdigest()
 
-    def read(self, name: str) -> bytes:
-        """The bytes of a file. Raises InputError if it is missing."""
+    def read(self, name: str, sha256: str | None = None) -> bytes:
+        """The bytes of a file. Raises InputError if it is missing, or its checksum is not the given one."""
         path = self.path(name)
         with _about(f"cannot read {path}"):
-            if not self.is_local:
-                return self._remote().cat_file(path)
-            with open(path, "rb") as file:
-                return file.read()
-
-    def read_unchanged(self, name: str, sha256: str) -> bytes:
-        """The bytes of a file that all tasks share. Raises InputError if its checksum differs."""
-        data = self.read(name)
-        if hashlib.sha256(data).hexdigest() != sha256:
-            raise InputError(f"{self.path(name)} has changed while it was worked on")
+            data = Path(path).read_bytes() if self.is_local else self._remote().cat_file(path)
+        if sha256 is not None and hashlib.sha256(data).hexdigest() != sha256:
+            raise InputError(f"{path} has changed while it was worked on")
         return data
 
     def exists(self, name: str) -> bool:
@@ -96,86 +80,82 @@ class Store:
                 return {}
         return {name.removeprefix(top).lstrip("/"): int(about["size"]) for name, about in sorted(found.items())}
 
-    def remove(self, folder: str) -> None:
-        """Remove a folder of files, if it exists."""
-        where = self.root if folder == "." else self.path(folder)
+    def remove(self, name: str = "") -> None:
+        """Remove a file or a folder of files, if it exists; by default everything."""
+        where = self.path(name)
         if self.is_local:
             shutil.rmtree(where, ignore_errors=True)
-        else:
-            self._gone(where, recursive=True)
-
-    def remove_file(self, name: str) -> None:
-        """Remove a file, if it exists."""
-        if self.is_local:
-            if os.path.lexists(self.path(name)):
-                os.unlink(self.path(name))
-        else:
-            self._gone(self.path(name), recursive=False)
-
-    def _gone(self, where: str, recursive: bool) -> None:
+            with suppress(OSError):
+                os.unlink(where)
+            return
         with _about(f"cannot remove {where}"), suppress(FileNotFoundError):  # another process was faster
             if self._remote().exists(where):
-                self._remote().rm(where, recursive=recursive)
+                self._remote().rm(where, recursive=True)
 
-    def write_json(self, name: str, value: Any) -> None:
-        """A JSON file, the same bytes for the same value."""
-        self.write(name, (json.dumps(value, indent=1) + "\n").encode())
+    def begin(self, folder: str, record: str, asked: dict[str, Any], overwrite: bool, resume: bool) -> bool:
+        """Empty a folder, "" for the root, for results of `asked`, JSON-clean settings; whether to go on with those
+        there instead. record: its file that holds them, alone or by "asked". Raises InputError for a folder that must
+        not be written, and for results of other settings."""
+        path, there = self.path(folder), self.exists(record)
+        if resume and there:
+            kept = self.read_json(record)
+            if kept.get("asked", kept) != json.loads(json.dumps(asked)):
+                raise InputError(f"{path}: was started with other settings or another source: `resume` cannot continue")
+        elif there and not overwrite:
+            raise InputError(f"{path} exists already: choose another `output`, or `overwrite` or `resume` it")
+        elif not resume and not folder and self.is_local:
+            check_output(path, overwrite, record)
+        if there and not resume:
+            self.remove(folder)
+        return there and resume
 
-    def read_json(self, name: str) -> Any:
-        """The content of a JSON file. Raises InputError if it is none."""
+    def write_json(self, name: str, value: Any) -> str:
+        """A JSON file, the same bytes for the same value; returns its SHA-256."""
+        return self.write(name, (json.dumps(value, indent=1) + "\n").encode())
+
+    def read_json(self, name: str, sha256: str | None = None) -> Any:
+        """The content of a JSON file, read as `read` does. Raises InputError if it is none."""
         try:
-            return json.loads(self.read(name))
+            return json.loads(self.read(name, sha256))
         except ValueError as error:
+            if isinstance(error, InputError):
+                raise
             raise InputError(f"{self.path(name)}: not valid JSON ({error})") from error
 
-    def write_arrays(self, name: str, **arrays: Any) -> None:
-        """NumPy arrays as one .npz, not packed."""
-        self.write(name, bytes_of_arrays(**arrays))
+    def write_arrays(self, name: str, **arrays: Any) -> str:
+        """NumPy arrays as one .npz, not packed; returns its SHA-256."""
+        buffer = io.BytesIO()
+        np.savez(buffer, **arrays)
+        return self.write(name, buffer.getvalue())
 
-    def read_arrays(self, name: str) -> dict[str, Any]:
-        """The arrays of an .npz."""
-        return arrays_of(self.read(name))
+    def read_arrays(self, name: str, sha256: str | None = None) -> dict[str, Any]:
+        """The arrays of an .npz, read as `read` does."""
+        with np.load(io.BytesIO(self.read(name, sha256)), allow_pickle=False) as kept:
+            return dict(kept)
 
     def commit(self, record: str, files: dict[str, bytes], **facts: Any) -> dict[str, Any]:
         """Write files (name -> bytes), then the record that says they are whole; returns the record."""
-        for name, data in files.items():
-            self.write(name, data)
-        sums = {name: {"bytes": len(data), "sha256": hashlib.sha256(data).hexdigest()} for name, data in files.items()}
+        sums = {name: {"bytes": len(data), "sha256": self.write(name, data)} for name, data in files.items()}
         value = {**facts, "files": sums}
         self.write_json(record, value)
         return value
 
     def committed(self, record: str) -> dict[str, Any] | None:
         """A record whose files are all present and whole, or None."""
-        if not self.exists(record):
-            return None
-        value = self.read_json(record)
-        for name, about in value["files"].items():
-            if not self.exists(name) or hashlib.sha256(self.read(name)).hexdigest() != about["sha256"]:
-                return None
-        return value
+        with suppress(InputError):
+            value: dict[str, Any] = self.read_json(record)
+            for name, about in value["files"].items():
+                self.read(name, about["sha256"])
+            return value
+        return None
 
     def _remote(self) -> Any:
-        if self._fs is None:
-            fsspec = needed("fsspec", f"{self.root}: a place that is no folder")
-            try:
-                self._fs = fsspec.core.url_to_fs(self.root, use_listings_cache=False)[0]  # others write too
-            except (ImportError, ValueError) as error:
-                raise InputError(f"{self.root}: {error}") from None
-        return self._fs
-
-
-def bytes_of_arrays(**arrays: Any) -> bytes:
-    """NumPy arrays as one .npz, not packed."""
-    buffer = io.BytesIO()
-    np.savez(buffer, **arrays)
-    return buffer.getvalue()
-
-
-def arrays_of(data: bytes) -> dict[str, Any]:
-    """The arrays of an .npz."""
-    with np.load(io.BytesIO(data), allow_pickle=False) as kept:
-        return dict(kept)
+        """The file system of fsspec, which keeps it."""
+        fsspec = needed("fsspec", f"{self.root}: a place that is no folder")
+        try:
+            return fsspec.core.url_to_fs(self.root, use_listings_cache=False)[0]  # others write too
+        except (ImportError, ValueError) as error:
+            raise InputError(f"{self.root}: {error}") from None
 
 
 @contextmanager

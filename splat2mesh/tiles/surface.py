@@ -23,14 +23,14 @@ from .coarse import twins
 from .lattice import Raw, raw_surface, seam_edges, seam_of, smoothed
 from .look import shots_around, sight_of
 from .memory import give_back
-from .plan import DISTANT, FAR, CityPlan, folder_of
+from .plan import DISTANT, FAR, CityPlan, folder_of, plan_at
 from .store import Store
 from .tileset import glb_bytes
 
 
 def mesh(store: Store, key: str, tile: int) -> dict[str, Any]:
     """Make the mesh of a tile: tiles/TILE/mesh.ply, mesh.glb, its twins, and its record; returns the record."""
-    known = CityPlan.read(store, key)
+    known = plan_at(store.root, key)
     sights, pictures = [], []
     for shot in shots_around(store, known, tile):
         sights.append(sight_of(shot, known, tile))
@@ -44,7 +44,7 @@ def mesh(store: Store, key: str, tile: int) -> dict[str, Any]:
     del raw, album
     give_back()
     name, files = folder_of(tile), {}
-    if len(made.faces):
+    if made is not None:
         far, distant = twins(made, len(known.tiles))
         files = {
             f"{name}/mesh.ply": mesh_ply_bytes(made),
@@ -59,8 +59,8 @@ def mesh(store: Store, key: str, tile: int) -> dict[str, Any]:
     return store.commit(f"{name}/mesh.json", files, tile=tile, **facts)
 
 
-def tile_mesh(raw: Raw, tile: int, album: Album | None, plan: CityPlan) -> tuple[Mesh, dict[str, Any]]:
-    """The Mesh of a tile of its raw surface (Raw), coloured by an Album, and its statistics."""
+def tile_mesh(raw: Raw, tile: int, album: Album | None, plan: CityPlan) -> tuple[Mesh | None, dict[str, Any]]:
+    """The Mesh of a tile of its raw surface (Raw), coloured by an Album, None without faces, and its statistics."""
     seam = seam_of(raw, tile)
     soft = smoothed(raw)
     normals = normals_of(soft, raw.faces)
@@ -68,10 +68,8 @@ def tile_mesh(raw: Raw, tile: int, album: Album | None, plan: CityPlan) -> tuple
     chosen = raw.faces[raw.owner == tile]
     chosen, dropped = without_floaters(chosen, seam)
     if album is None or len(chosen) == 0:
-        none = np.zeros((0, 3), np.float32)
-        empty = Mesh(none, none, none.astype(np.int32), none.astype(np.uint8))
         nothing = {"vertices": 0, "faces": 0, "seam_vertices": 0, "components_dropped": dropped}
-        return empty, nothing | {"borders": {}, "border_edges_missing": 0}
+        return None, nothing | {"borders": {}, "border_edges_missing": 0}
     used, corners = np.unique(chosen, return_inverse=True)
     local: Faces = corners.reshape(-1, 3).astype(np.int32)
     at: Points = points[used]

@@ -1,7 +1,7 @@
 """First passes over a city: a sample of every piece makes the plan; then every piece is divided among the tiles."""
 
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,9 +16,8 @@ from ..surface.extract import FINEST_CELL, training_pixel
 from ..views.upright import upright
 from ..views.viewpoints import bounds_of
 from .pieces import CityPiece, read_piece
-from .plan import LEAST_PIXEL, REFERENCE_PIXELS, CityPlan, apart, cut, splats_for, within_box
+from .plan import LEAST_PIXEL, REFERENCE_PIXELS, CityPlan, apart, cut, plan_at, splats_for, within_box
 from .store import Store
-from .tasks import Task
 
 SAMPLE = 1_000_000
 """Splats in a sample of a city, over all pieces: for its plan, and of far ones to tell sky from objects."""
@@ -30,8 +29,18 @@ OUTSIDE = 1.0
 """Reach of the city beyond the box of the solid splats, in distances between stations: the rest is far."""
 
 
-def survey(store: Store, number: int, piece: CityPiece, most: int) -> dict[str, Any]:
-    """Count a piece and keep a sample of at most `most` of its splats."""
+class Found(NamedTuple):
+    """A piece, counted. sample: Splats of it without harmonics. weight: splats that each stands for. counts: of all, of
+    what is unusable by reason, and of the usable. facts: of its file."""
+
+    sample: Splats
+    weight: float
+    counts: dict[str, int]
+    facts: FileFacts
+
+
+def survey(piece: CityPiece, most: int) -> Found:
+    """Count a piece and take a sample of at most `most` of its usable splats."""
     splats = read_piece(piece)
     keep, counts = usable(splats)
     rows = np.flatnonzero(keep)
@@ -39,25 +48,22 @@ def survey(store: Store, number: int, piece: CityPiece, most: int) -> dict[str, 
         rows = rows[~splats.environment[rows]]
     chosen = rows[:: max(1, -(-len(rows) // most))]
     arrays = {name: getattr(splats, name)[chosen] for name in NUMBERS if name != "sh"}
-    store.write_arrays(f"work/survey/{number:05d}.npz", **arrays, weight=len(rows) / max(len(chosen), 1))
-    says = {} if splats.facts.up is None else {"up": splats.facts.up, "up_from": splats.facts.up_from}
-    return {"splats": len(splats), "usable": len(rows), **counts, **says}
+    sample = Splats(**arrays, sh=np.zeros((len(chosen), 1, 3), np.float32))
+    facts = FileFacts(up=splats.facts.up, up_from=splats.facts.up_from if splats.facts.up else "")
+    return Found(sample, len(rows) / max(len(chosen), 1), {"splats": len(splats), **counts}, facts)
 
 
-def survey_tasks(store: Store, pieces: list[CityPiece]) -> list[Task]:
-    """The tasks that survey the pieces of a city."""
-    most = max(1, SAMPLE // len(pieces))
-    return [Task(f"survey {n}", survey, (store, n, piece, most)) for n, piece in enumerate(pieces)]
-
-
-def plan_of(store: Store, pieces: list[CityPiece], counts: list[dict[str, Any]], settings: dict[str, Any]) -> CityPlan:
-    """The CityPlan by the samples. Raises InputError for a city without splats."""
-    sample, weights = _sample(store, len(pieces))
+def plan_of(pieces: list[CityPiece], found: list[Found], settings: dict[str, Any]) -> CityPlan:
+    """The CityPlan by the samples. Raises InputError for a city without splats. Warns of unusable ones, all pieces
+    together."""
+    total = sum(each.counts["splats"] for each in found)
+    say_dropped({name: sum(each.counts[name] for each in found) for name in REASONS}, total)
+    weights = np.concatenate([np.full(len(each.sample), each.weight) for each in found])
+    sample = joined([each.sample for each in found])
     if len(sample) < MIN_SPLATS:
         raise InputError(f"{len(sample)} usable splats: at least {MIN_SPLATS} are needed")
     check_extent(sample)
-    said = [(tuple(count["up"]), count["up_from"]) if "up" in count else (None, "") for count in counts]
-    facts = common([FileFacts(up=up, up_from=source) for up, source in said])
+    facts = common([each.facts for each in found])
     rotation, up_from = upright(settings["up"], (), replace(sample, facts=facts), lambda: True)
     turned = placed(sample, rotation)
     trained = training_pixel(turned)
@@ -72,7 +78,7 @@ def plan_of(store: Store, pieces: list[CityPiece], counts: list[dict[str, Any]],
         tiles=[],
         counts=[],
         pieces=[list(piece) for piece in pieces],
-        splats=sum(count["splats"] for count in counts),
+        splats=total,
         pixels=PIXELS[settings["detail"]],
         trained=trained,
         settings=settings,
@@ -88,23 +94,13 @@ def plan_of(store: Store, pieces: list[CityPiece], counts: list[dict[str, Any]],
     return plan
 
 
-def _sample(store: Store, count: int) -> tuple[Splats, np.ndarray]:
-    parts, weights = [], []
-    for number in range(count):
-        kept = store.read_arrays(f"work/survey/{number:05d}.npz")
-        weight = float(kept.pop("weight"))
-        weights.append(np.full(len(kept["means"]), weight))
-        parts.append(Splats(**kept, sh=np.zeros((len(kept["means"]), 1, 3), np.float32)))
-    return joined(parts), np.concatenate(weights)
-
-
 def deal(store: Store, key: str, number: int) -> dict[str, Any]:
     """Deal a piece out: splats/NUMBER_TILE.npz holds the splats of a tile, far_NUMBER.npz those of none, each with
-    their rows in the piece; splats/NUMBER.json, which comes last, how many."""
-    known = CityPlan.read(store, key)
+    their rows in the piece; `dealt_of` it, which comes last, how many."""
+    known = plan_at(store.root, key)
     splats = read_piece(CityPiece(*known.pieces[number]))
     keep = usable(splats)[0]
-    turned = placed(splats, known.rotation)
+    turned = placed(splats, known.scene_from_splat)
     with np.errstate(invalid="ignore"):
         inside = keep & ((turned.means >= known.low) & (turned.means <= known.high)).all(axis=1)
     if splats.environment is not None:
@@ -119,8 +115,22 @@ def deal(store: Store, key: str, number: int) -> dict[str, Any]:
         store.write_arrays(name, rows=rows, offset=np.array(splats.facts.offset), **fields)
         dealt[str(tile)] = len(rows)
     record = {"dealt": dealt, "dropped": int((~keep).sum())}
-    store.write_json(f"splats/{number:05d}.json", record)
+    store.write_json(dealt_of(number), record)
     return record
+
+
+def dealt_of(number: int) -> str:
+    """The record of a piece that was dealt out."""
+    return f"splats/{number:05d}.json"
+
+
+def sources_of(store: Store, plan: CityPlan) -> dict[int, list[int]]:
+    """For each tile, and -1 for none, the pieces that hold splats of it, once all are dealt out."""
+    sources: dict[int, list[int]] = {}
+    for number in range(len(plan.pieces)):
+        for tile in store.read_json(dealt_of(number))["dealt"]:
+            sources.setdefault(int(tile), []).append(number)
+    return sources
 
 
 def splats_from(kept: dict[str, Any], rows: slice = slice(None)) -> Splats:
@@ -133,24 +143,17 @@ def splats_of(
     store: Store,
     plan: CityPlan,
     sources: dict[int, list[int]],  # tile -> the pieces that hold splats of it
-    box: np.ndarray | None = None,  # (2, 2) lowest and highest x and z to keep, all without
+    box: np.ndarray,  # (2, 2) lowest and highest x and z to keep
 ) -> Splats:
     """The usable splats of tiles in the scene frame: tile after tile, piece after piece."""
     parts = []
     for tile, pieces in sources.items():
         for number in pieces:
             kept = store.read_arrays(f"splats/{number:05d}_{tile:05d}.npz")
-            part = placed(Splats(**{field: kept[field] for field in NUMBERS}), plan.rotation)
+            part = placed(Splats(**{field: kept[field] for field in NUMBERS}), plan.scene_from_splat)
             part = part.take(usable(part)[0])
-            if box is not None:
-                part = part.take(within_box(part.means[:, [0, 2]], box))
-            parts.append(part)
+            parts.append(part.take(within_box(part.means[:, [0, 2]], box)))
     if not parts:
         means, scales, quats, opacities, sh = (np.zeros((0, *s), np.float32) for s in ((3,), (3,), (4,), (), (1, 3)))
         return Splats(means, scales, quats, opacities, sh)
     return joined(parts)
-
-
-def say_all_dropped(counts: list[dict[str, Any]]) -> None:
-    """Warn of unusable splats, all pieces together."""
-    say_dropped({name: sum(count[name] for count in counts) for name in REASONS}, sum(c["splats"] for c in counts))

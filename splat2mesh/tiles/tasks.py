@@ -4,13 +4,10 @@ A failed task is named, and so are the tasks that waited for it; all others are 
 """
 
 import os
-import sys
-import threading
 import time
-import traceback
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from importlib.util import find_spec
 from typing import Any, NamedTuple
 
@@ -20,6 +17,7 @@ from ..base.extras import needed
 from ..base.progress import Stages
 from ..base.version import VERSION
 from ..options import TilingOptions
+from .memory import keep_memory
 from .store import Store
 
 DEATHS = 25
@@ -34,12 +32,14 @@ asks nobody who they are."""
 
 
 class Task(NamedTuple):
-    """A piece of work. function and arguments can be pickled. after: names of tasks that must be done before."""
+    """A piece of work. function and arguments can be pickled. after: names of tasks that must be done before. record:
+    of its files, by which a Store knows that it is done."""
 
     name: str
     function: Callable[..., Any]
     arguments: tuple[Any, ...]
     after: tuple[str, ...] = ()
+    record: str = ""
 
 
 class Done(NamedTuple):
@@ -52,34 +52,26 @@ class Done(NamedTuple):
     error: str = ""
 
 
-def costs(took: Iterable[Done]) -> dict[str, Any]:
-    """Costs of tasks for a report: seconds, MiB of peak memory and bytes written, by name."""
-    done = {each.name: each for each in took}
-    results = {name: each.result for name, each in done.items() if isinstance(each.result, dict)}
-    files = {name: result["files"].values() for name, result in results.items() if "files" in result}
-    return {
-        "task_seconds": {name: round(each.seconds, 3) for name, each in done.items()},
-        "task_peak_mb": {name: each.peak_mb for name, each in done.items()},
-        "task_bytes": {name: sum(about["bytes"] for about in each) for name, each in files.items()},
-        "peak_mb": max((each.peak_mb for each in done.values()), default=0.0),
-    }
-
-
-def measured(name: str, function: Callable[..., Any], arguments: tuple[Any, ...], *_: Any) -> Done:
-    """Run a task; the peak memory of its process is reset first, where the system can."""
-    reset = _reset_peak()
-    start = time.perf_counter()
+def outcome(name: str, function: Callable[..., Any], arguments: tuple[Any, ...], *before: Done) -> Done:
+    """Run a task, unless one before it failed; the peak memory of its process is reset first, where the system can."""
+    for done in before:
+        if done.error:
+            return Done(name, None, 0.0, 0.0, f"waits for {done.name}, which failed")
+    with suppress(OSError), open("/proc/self/clear_refs", "w") as file:
+        file.write("5")
+    start, result, error = time.perf_counter(), None, ""
     try:
-        result, error = function(*arguments), ""
+        result = function(*arguments)
     except MemoryError as failure:
-        result, error = None, f"out of memory ({failure})" if str(failure) else "out of memory"
+        error = f"out of memory ({failure})" if str(failure) else "out of memory"
     except InputError as failure:
-        result, error = None, str(failure)
+        error = str(failure)
     except Exception as failure:
-        if os.environ.get("SPLAT2MESH_TRACEBACK"):
-            traceback.print_exc(file=sys.stderr)
-        result, error = None, f"{type(failure).__name__}: {failure}"
-    return Done(name, result, time.perf_counter() - start, _peak_mb(reset), " ".join(error.split()))
+        error = f"{type(failure).__name__}: {failure}"
+    seconds, peak = time.perf_counter() - start, peak_mb()
+    with suppress(OSError), open("/proc/self/status") as file:
+        peak = next(round(int(line.split()[1]) / 1024, 1) for line in file if line.startswith("VmHWM:"))
+    return Done(name, result, seconds, peak, " ".join(error.split()))
 
 
 class Loop:
@@ -87,16 +79,10 @@ class Loop:
 
     def run(self, tasks: Sequence[Task]) -> Iterator[Done]:
         """Yield each outcome, in order; each task stands after those it waits for."""
-        failed: set[str] = set()
+        done: dict[str, Done] = {}
         for task in tasks:
-            lost = [name for name in task.after if name in failed]
-            if lost:
-                done = Done(task.name, None, 0.0, 0.0, f"waits for {lost[0]}, which failed")
-            else:
-                done = measured(task.name, task.function, task.arguments)
-            if done.error:
-                failed.add(task.name)
-            yield done
+            done[task.name] = outcome(*task[:3], *(done[name] for name in task.after if name in done))
+            yield done[task.name]
 
 
 class Cluster:
@@ -110,14 +96,14 @@ class Cluster:
         from dask import delayed
         from dask.distributed import as_completed
 
-        work = delayed(guarded, pure=False, traverse=False)
+        work = delayed(outcome, pure=False, traverse=False)
         nodes: dict[str, Any] = {}
         for task in tasks:
             waits = [nodes[name] for name in task.after if name in nodes]
             # dask takes what stands before the first number for the kind of task: without, each is a kind of its own,
             # and the scheduler's time for a task grows with their number
             key = f"{task.name.replace(' ', '-')}-{id(self):x}-{self.runs}"
-            nodes[task.name] = work(task.name, task.function, task.arguments, *waits, dask_key_name=key)
+            nodes[task.name] = work(*task[:3], *waits, dask_key_name=key)
         self.runs += 1
         futures = self.client.compute(list(nodes.values()), optimize_graph=False)
         names = {future: name for future, name in zip(futures, nodes, strict=True)}
@@ -129,14 +115,6 @@ class Cluster:
                 yield Done(names[future], None, 0.0, 0.0, " ".join(f"{type(failure).__name__}: {failure}".split()))
 
 
-def guarded(name: str, function: Callable[..., Any], arguments: tuple[Any, ...], *before: Done) -> Done:
-    """On a worker: run a task unless one before it failed."""
-    for done in before:
-        if done.error:
-            return Done(name, None, 0.0, 0.0, f"waits for {done.name}, which failed")
-    return measured(name, function, arguments)
-
-
 @contextmanager
 def tiling_engine(tiling: TilingOptions, stages: Stages) -> Iterator[Any]:
     """The engine that runs the tasks of a city: a Loop, a Cluster of workers started here, or that of a scheduler.
@@ -144,7 +122,7 @@ def tiling_engine(tiling: TilingOptions, stages: Stages) -> Iterator[Any]:
     stages: prints the address of its dashboard, if any. Raises InputError for a scheduler that does not answer and for
     workers of another version of this package.
     """
-    scheduler, workers, memory_gb = tiling.scheduler, tiling.workers, tiling.memory
+    scheduler, workers = tiling.scheduler, tiling.workers
     if scheduler is None and workers is None:
         yield Loop()
         return
@@ -156,29 +134,23 @@ def tiling_engine(tiling: TilingOptions, stages: Stages) -> Iterator[Any]:
         "distributed.scheduler.allowed-failures": DEATHS,
         "distributed.logging.distributed": "critical",
         "distributed.worker.profile.enabled": False,  # a thread that polls the task all the time
-        # tasks take seconds: polling each process fifty times a second took 6% of a core
-        "distributed.admin.tick.interval": "1s",
-        "distributed.admin.system-monitor.interval": "5s",
-        "distributed.worker.memory.monitor-interval": "500ms",
         # on a busy machine a worker may be silent for minutes and well; one that has died here is known to have
         "distributed.scheduler.worker-ttl": None,
         "distributed.comm.timeouts.connect": "120s",
     }
-    if workers is not None:
-        threads = str(max(1, (os.cpu_count() or 1) // workers))
-        variables = {name: threads for name in _THREADS} | ONE_BLAS_THREAD
-        settings |= {f"distributed.nanny.pre-spawn-environ.{name}": value for name, value in variables.items()}
+    for name in ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS"):  # neighbours share the cores
+        settings[f"distributed.nanny.pre-spawn-environ.{name}"] = str(max(1, (os.cpu_count() or 1) // (workers or 1)))
+    settings |= {f"distributed.nanny.pre-spawn-environ.{name}": value for name, value in ONE_BLAS_THREAD.items()}
     with dask.config.set(settings):
         if scheduler is not None:
             try:
                 client = Client(scheduler, timeout=CONNECT_S)
             except (OSError, ValueError, TimeoutError) as error:
-                raise InputError(f"`scheduler` {scheduler}: does not answer ({_first_line(error)})") from None
+                said = (str(error) or type(error).__name__).splitlines()[0]
+                raise InputError(f"`scheduler` {scheduler}: does not answer ({said})") from None
             with client:
                 yield _connect(client, scheduler)
             return
-        assert workers is not None
-        limit = f"{memory_gb}GiB" if memory_gb is not None else 0
         shown = find_spec("bokeh") is not None
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", "Port ", UserWarning)  # another run has it: any other port will do
@@ -186,84 +158,43 @@ def tiling_engine(tiling: TilingOptions, stages: Stages) -> Iterator[Any]:
                 n_workers=workers,
                 threads_per_worker=1,
                 processes=True,
-                memory_limit=limit,
+                memory_limit=0 if tiling.memory is None else f"{tiling.memory}GiB",
                 dashboard_address=DASHBOARD if shown else None,
                 silence_logs=50,
             )
-        with cluster, _keep_workers(cluster, workers), Client(cluster) as client:
+        with cluster, Client(cluster) as client:
+            cluster.adapt(minimum=workers, maximum=workers, interval=f"{CONNECT_S}s")  # replaces those that are gone
             if shown:
                 stages.notify(f"dashboard: {client.dashboard_link}")
             yield _connect(client, "the local cluster")
 
 
-_THREADS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS")
-"""Variables that make the libraries of a worker share the cores with its neighbours."""
-
-
-@contextmanager
-def _keep_workers(cluster: Any, workers: int) -> Iterator[None]:
-    """Start another worker where one is gone: its own nanny restarts it sooner, where it can."""
-    ended = threading.Event()
-
-    def watch() -> None:
-        while not ended.wait(CONNECT_S):
-            cluster.scale(workers)
-
-    watcher = threading.Thread(target=watch, daemon=True)
-    watcher.start()
-    try:
-        yield
-    finally:
-        ended.set()
-        watcher.join()
-
-
 def _connect(client: Any, name: str) -> Cluster:
+    """The Cluster of a client, whose workers are prepared, those to come too."""
     versions = client.run(_version)
     if not versions:
         raise InputError(f"{name}: it has no workers; start some with `dask worker {name}`")
     for address, version in versions.items():
         if version != VERSION:
             raise InputError(f"the worker at {address} has version {version} of splat2mesh, this is {VERSION}")
-    from .workers import Prepared
-
-    client.register_plugin(Prepared())
+    client.register_worker_callbacks(_prepared)
     return Cluster(client)
 
 
 def _version() -> str:
     """The version on a worker."""
-    try:
-        from splat2mesh.base.version import VERSION as here
-    except ImportError:
-        return "none"
-    return here
+    return VERSION
 
 
-def _reset_peak() -> bool:
-    try:
-        with open("/proc/self/clear_refs", "w") as file:
-            file.write("5")
-        return True
-    except OSError:
-        return False
-
-
-def _peak_mb(since_reset: bool) -> float:
-    if since_reset:
-        with open("/proc/self/status") as file:
-            for line in file:
-                if line.startswith("VmHWM:"):
-                    return round(int(line.split()[1]) / 1024, 1)
-    return peak_mb()
-
-
-def _first_line(error: BaseException) -> str:
-    return (str(error) or type(error).__name__).splitlines()[0]
+def _prepared() -> None:
+    """On a worker: one thread of BLAS, as in a command, where NumPy has not loaded; freed memory stays."""
+    os.environ.update(ONE_BLAS_THREAD)
+    keep_memory()
 
 
 class TaskSteps:
-    """Runs the tasks of one step after another. took: the outcome of every task so far, by its name."""
+    """Runs the tasks of one step after another. took: the outcome of every task so far, its result the bytes that it
+    wrote, if any."""
 
     def __init__(
         self,
@@ -272,7 +203,7 @@ class TaskSteps:
         stages: Stages,
     ) -> None:
         self.store, self.engine, self.stages = store, engine, stages
-        self.took: dict[str, Done] = {}
+        self.took: list[Done] = []
 
     def run(
         self, label: str, tasks: list[Task], arrived: Callable[[Done], None] = lambda done: None
@@ -282,9 +213,11 @@ class TaskSteps:
         with self.stages.stage(label, total=len(tasks)) as advance:
             for done in self.engine.run(tasks):
                 found[done.name] = done
+                files = done.result.get("files") if isinstance(done.result, dict) else None
+                written = None if files is None else sum(about["bytes"] for about in files.values())
+                self.took.append(done._replace(result=written))
                 arrived(done)
                 advance()
-        self.took |= found
         return found
 
     def need(
@@ -302,6 +235,17 @@ class TaskSteps:
             raise UnfinishedError(f"{text} are not done ({'; '.join(failed[:MOST_NAMED])}); run again with `resume`")
         return [found[task.name].result for task in tasks]
 
-    def committed(self, records: list[str]) -> list[dict[str, Any] | None]:
-        """Records whose files are all present and whole, None for others: checksums, which workers can share."""
-        return self.need("check", [Task(f"check {name}", self.store.committed, (name,)) for name in records])
+    def left(self, tasks: list[Task]) -> list[Task]:
+        """Those that are not done: their records, or files in them, are missing or damaged. Workers share the sums."""
+        checks = [Task(f"check {task.record}", self.store.committed, (task.record,)) for task in tasks]
+        return [task for task, found in zip(tasks, self.need("check", checks), strict=True) if found is None]
+
+    def costs(self) -> dict[str, Any]:
+        """Costs for a report: seconds of steps; seconds, MiB of peak memory and bytes written of tasks, by name."""
+        return {
+            "seconds": dict(self.stages.seconds),
+            "task_seconds": {each.name: round(each.seconds, 3) for each in self.took},
+            "task_peak_mb": {each.name: each.peak_mb for each in self.took},
+            "task_bytes": {each.name: each.result for each in self.took if each.result is not None},
+            "peak_mb": max((each.peak_mb for each in self.took), default=0.0),
+        }

@@ -18,37 +18,25 @@ FAR_ERROR = 0.02
 
 def tileset(
     tiles: list[dict[str, Any]],  # `name`, `bounds` (2, 3) y up, of tiles that have faces
-    fine: str,  # file of a tile
-    coarse: str | None,  # file of its coarse twin
-    error: float,  # of the fine tiles, scene units
+    error: float,  # of the tiles, scene units
+    twins: bool,  # whether each has a coarse twin, far.glb beside its mesh.glb
 ) -> dict[str, Any]:
     """The tileset.json of tiles, as a dict."""
     children = []
     for tile in tiles:
         bounds = np.array(tile["bounds"], np.float64)
-        diagonal = float(np.linalg.norm(bounds[1] - bounds[0]))
-        leaf = {"boundingVolume": {"box": _box(bounds)}, "geometricError": 0.0, "content": _content(tile, fine)}
-        if coarse is None:
-            children.append(leaf)
-            continue
-        children.append(
-            {
-                "boundingVolume": {"box": _box(bounds)},
-                "geometricError": max(FAR_ERROR * diagonal, 2 * error),
-                "refine": "REPLACE",
-                "content": _content(tile, coarse),
-                "children": [leaf],
-            }
-        )
+        about = {"boundingVolume": {"box": _box(bounds)}}
+        child = {**about, "geometricError": 0.0, "content": {"uri": f"{tile['name']}/mesh.glb"}}
+        if twins:
+            coarse = max(FAR_ERROR * float(np.linalg.norm(bounds[1] - bounds[0])), 2 * error)
+            twin = {"refine": "REPLACE", "content": {"uri": f"{tile['name']}/far.glb"}, "children": [child]}
+            child = {**about, "geometricError": coarse, **twin}
+        children.append(child)
     corners = np.array([tile["bounds"] for tile in tiles], np.float64)
     whole = np.stack([corners[:, 0].min(axis=0), corners[:, 1].max(axis=0)])
     size = float(np.linalg.norm(whole[1] - whole[0]))
     root = {"boundingVolume": {"box": _box(whole)}, "geometricError": size, "refine": "ADD", "children": children}
     return {"asset": {"version": "1.1"}, "geometricError": 2.0 * size, "root": root}
-
-
-def _content(tile: dict[str, Any], file: str) -> dict[str, str]:
-    return {"uri": f"{tile['name']}/{file}"}
 
 
 def _box(bounds: Bounds) -> list[float]:

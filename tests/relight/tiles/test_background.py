@@ -12,7 +12,7 @@ from relight.tiles.shared import flat, restored
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.splats import NUMBERS, SH_C0
-from splat2mesh.tiles.store import Store, arrays_of, bytes_of_arrays
+from splat2mesh.tiles.store import Store
 
 GAIN = 0.25
 EVEN = Environment(np.full((8, 16, 3), 0.3, np.float32), "even")
@@ -58,9 +58,10 @@ def test_what_is_kept_stays_and_what_is_dropped_is_sky_alone(far):
     assert (gone == sky).mean() > 0.99
 
 
-def test_it_comes_back_from_a_file_to_the_bit(far):
+def test_it_comes_back_from_a_file_to_the_bit(far, tmp_path):
     background, (splats, _), _ = far
-    kept = restored(Background, "background", arrays_of(bytes_of_arrays(**flat("background", background), other=1)))
+    Store(tmp_path).write_arrays("light.npz", **flat("background", background), other=1)
+    kept = restored(Background | None, "background", Store(tmp_path).read_arrays("light.npz"))
     assert_same(
         *(relit_background(splats, each, EVEN, np.eye(4), 1.0, "new") for each in (kept, background)),
     )

@@ -1,6 +1,7 @@
 """Lamps and captured light in a city: as in the untiled one, without a seam, and only where they reach."""
 
 import json
+import pickle
 
 import numpy as np
 import pytest
@@ -9,10 +10,11 @@ from cities import relit_city
 from relight import Environment, LightingOptions, Relighter
 from relight.engine.appearance import Appearance
 from relight.engine.placed import LampLight
+from relight.lamps.asked import LampScale, resolve
+from relight.lamps.placing import asked_lamps
 from relight.lamps.shapes import MeshLamp, SphereLamp, SpotLamp, TubeLamp
 from relight.tiles.local import tile_mesh
-from relight.tiles.mixture import CityMixture
-from relight.tiles.shared import Shared, city_of
+from relight.tiles.shared import city_of, shared_at
 from splat2mesh.base.errors import InputError
 from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.formats import read_splats
@@ -56,28 +58,28 @@ def test_a_lamp_at_a_border_lights_all_tiles_as_the_whole_city(city):
     lamp = border_lamp(city, scene, 2000.0)
     options = LightingOptions(**OPTIONS, placed=(in_splat(lamp, scene),), env_scale=0.5)
     report = relit_city(city, "noon", options, formats=("npy",), albedo="white", folder="relit/lamp")
-    shared = Shared.read(Store(city), "relit/lamp", report["light"]["sha256"])
+    shared = shared_at(str(city), "relit/lamp", report["light"]["sha256"])
     relighter = Relighter(scene, LightingOptions(**OPTIONS))
     sky = relighter.shade(Environment.load("noon"))
     captured = scene.colors_linear
     direct = LampLight(relighter, Appearance(None, captured, captured), [lamp], 0.03, 0.0).placed.direct
-    expected = 0.5 * sky + direct / shared.mixture.level
+    expected = 0.5 * sky + direct / shared.light.beside[0]
     found = radiance(city, "relit/lamp")
-    assert np.linalg.norm(direct) / shared.mixture.level > 0.3 * np.linalg.norm(sky)  # or nothing is tested
+    assert np.linalg.norm(direct) / shared.light.beside[0] > 0.3 * np.linalg.norm(sky)  # or nothing is tested
     assert np.linalg.norm(found - expected) < 0.03 * np.linalg.norm(expected)
     dark = relit_city(city, "noon", LightingOptions(**OPTIONS), formats=("npy",), albedo="white", folder="relit/dark")
     assert "lamps" not in dark["light"]
     # The lamp alone has no seam: what it adds differs from the whole city's nowhere by much.
     added = found - 0.5 * radiance(city, "relit/dark")
-    rough = np.abs(added - direct / shared.mixture.level).max(axis=1) > 0.1 * direct.max() / shared.mixture.level
+    rough = np.abs(added - direct / shared.light.beside[0]).max(axis=1) > 0.1 * direct.max() / shared.light.beside[0]
     assert rough.mean() < 0.005
 
 
 def test_captured_light_is_dimmed_everywhere_alike(city):
     options = LightingOptions(**OPTIONS, captured=0.25, env_scale=0.0)
     report = relit_city(city, "noon", options, formats=("npy",), albedo="captured", folder="relit/dimmed")
-    shared = Shared.read(Store(city), "relit/dimmed", report["light"]["sha256"])
-    expected = np.float32(0.25) * whole_city(city).colors_linear / np.float32(shared.mixture.level)
+    shared = shared_at(str(city), "relit/dimmed", report["light"]["sha256"])
+    expected = np.float32(0.25) * whole_city(city).colors_linear / np.float32(shared.light.beside[0])
     np.testing.assert_allclose(radiance(city, "relit/dimmed"), expected, rtol=1e-6)
 
 
@@ -139,7 +141,7 @@ def test_a_tile_out_of_reach_knows_no_lamp(city):
         assert np.array_equal(one, other) == (each["lamps"] == 0)
 
 
-def test_a_mixture_comes_back_to_the_bit():
+def test_lamps_reach_workers_to_the_bit():
     corners, faces = np.eye(3), np.array([[0, 1, 2]], np.int32)
     lamps = (
         SphereLamp((1.0, 2.0, 1 / 3), 0.1, (0.1, 5.0, 7.0)),
@@ -147,13 +149,11 @@ def test_a_mixture_comes_back_to_the_bit():
         TubeLamp((0.0, 0.0, 0.0), (0.1, 0.7, 0.0), 0.02, (1.0, 1.0, 2.0)),
         MeshLamp(corners, faces, np.array([0.3, 0.2, 0.1])),
     )
-    mixture = CityMixture(0.1, 0.7, 1 / 3, lamps, 0.21)
-    again = CityMixture.from_arrays(mixture.arrays())
-    assert again[:3] == mixture[:3] and again.median == mixture.median
-    for one, other in zip(again.lamps[:3], lamps[:3], strict=True):
+    options = pickle.loads(pickle.dumps(LightingOptions(placed=tuple(asked_lamps(lamps)))))
+    again = [resolve(each, LampScale(1.0, 1.0)) for each in asked_lamps(options.placed)]
+    for one, other in zip(again[:3], lamps[:3], strict=True):
         assert one == other
-    np.testing.assert_array_equal(again.lamps[3].vertices, corners)
-    assert CityMixture.from_arrays({}) is None
+    np.testing.assert_array_equal(again[3].vertices, corners)
 
 
 @pytest.mark.parametrize("wish", [{"lamps": "off"}])

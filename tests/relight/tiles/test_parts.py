@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from cities import relit_city, sums
 
-from relight import Environment, LightingOptions
+from relight import LightingOptions
 from relight.tiles import local, work
 from relight.tiles.local import LEAST_SHARE, TileNeighborhood, parts_of, room_for, tile_mesh
 from relight.tiles.shared import city_of, coarse_city
@@ -119,7 +119,7 @@ def test_a_worker_writes_the_same_parts(city, cut, tmp_path):
 def test_a_part_holds_its_own_faces_and_what_is_near(city):
     store = Store(city)
     plan = CityPlan(**store.read_json(FILE)["plan"])
-    around = TileNeighborhood(store, coarse_city(store, Environment.load("noon")), 0, plan.spacing)
+    around = TileNeighborhood(store, coarse_city(store), 0, plan.spacing)
     found = around.parts(300)
     seen = np.zeros(len(around.mesh.vertices), int)
     for part in found:

@@ -31,8 +31,8 @@ def test_what_is_written_is_read_and_goes_when_it_is_removed(store):
     kept = pickle.loads(pickle.dumps(store)).read_arrays("a/b.npz")
     assert kept["x"].tolist() == [0, 1, 2, 3, 4] and kept["y"] == np.float32(2.5)
     assert store.exists("a/b.npz") and not store.exists("a") and not store.exists("a/c")
-    store.remove_file("a/b.npz")
-    store.remove_file("a/b.npz")
+    store.remove("a/b.npz")
+    store.remove("a/b.npz")
     assert not store.exists("a/b.npz")
     store.write("a/c", b"")
     store.remove("a")
@@ -49,17 +49,17 @@ def test_a_record_counts_only_while_its_files_are_whole(store):
     assert store.committed("t.json") is None
     store.write("t/x", b"12345")
     assert store.committed("t.json") == record
-    store.remove_file("t/y")
+    store.remove("t/y")
     assert store.committed("t.json") is None
 
 
 def test_what_all_tasks_share_is_read_only_as_it_was(store):
-    store.write("plan.json", b"{}")
-    checksum = "44136fa355b3678a1146ad16f7e8649e94fb4fc21fe77e8310c060f61caaff8a"  # of two braces
-    assert store.read_unchanged("plan.json", checksum) == b"{}"
+    checksum = store.write("plan.json", b"{}")
+    assert checksum == "44136fa355b3678a1146ad16f7e8649e94fb4fc21fe77e8310c060f61caaff8a"  # of two braces
+    assert store.read("plan.json", checksum) == b"{}" and store.read_json("plan.json", checksum) == {}
     store.write("plan.json", b"{ }")
     with pytest.raises(InputError, match=r"plan\.json has changed while it was worked on"):
-        store.read_unchanged("plan.json", checksum)
+        store.read_json("plan.json", checksum)
 
 
 def test_what_cannot_be_read_or_written_is_one_line(store, tmp_path):

@@ -19,7 +19,7 @@ def corners(box):
 
 
 def test_boxes_hold_exactly_what_they_are_of():
-    document = tileset(TILES, "mesh.glb", None, 0.1)
+    document = tileset(TILES, 0.1, twins=False)
     for child, tile in zip(document["root"]["children"], TILES, strict=True):
         low, high = np.array(tile["bounds"])
         flat = np.array([0.0, 1e-3 * (high[1] == low[1]), 0.0])  # a flat tile gets some height, as boxes need
@@ -31,7 +31,7 @@ def test_boxes_hold_exactly_what_they_are_of():
 
 
 def test_a_coarse_twin_is_replaced_by_its_tile_and_errs_more():
-    document = tileset(TILES, "mesh.glb", "far.glb", 0.5)
+    document = tileset(TILES, 0.5, twins=True)
     for child, tile in zip(document["root"]["children"], TILES, strict=True):
         (leaf,) = child["children"]
         assert child["refine"] == "REPLACE" and child["content"]["uri"].endswith("/far.glb")
