@@ -22,7 +22,7 @@ from ..options import PLACE_TOLERANCE
 from ..output.kinds import CITY_FILES
 from ..request import RelightRequest
 from .local import room_for
-from .shared import LIGHT, SkyImage, city_of
+from .shared import LIGHT, city_of
 from .streamed import FOLDER, lod_meta
 from .work import TileRequest, common_light, relit_environment, relit_far, relit_tile
 
@@ -70,7 +70,7 @@ def relight_city(
     check_city(request)
     stages = stages or Stages()
     if engine is None:
-        with tiling_engine(request.tiling or TilingOptions(), stages) as running:
+        with tiling_engine(request.tiling or TilingOptions()) as running:
             return CityRun(request, running, folder, stages).report()
     return CityRun(request, engine, folder, stages).report()
 
@@ -129,8 +129,8 @@ class CityRun:
         """The content of light.json, on the light that all tiles share: computed, or read if the file exists."""
         store, name = self._store, f"{self._folder}/light.json"
         if not (store.exists(name) and store.exists(f"{self._folder}/{LIGHT}")):
-            more = self._each.albedo, self._request.exposure_ev, self._far, SkyImage.of(self._sky)
-            task = Task("light", common_light, (store, self._folder, self._each.options, *more))
+            given = store, self._folder, self._each, self._sky, self._request.exposure_ev, self._far
+            task = Task("light", common_light, given)
             store.write_json(name, self._steps.need("light", [task])[0])
         return cast("dict[str, Any]", store.read_json(name))
 
@@ -140,15 +140,16 @@ class CityRun:
         folder, shared = self._folder, (self._store, self._folder, key)
         tiles, far = [], []
         for tile, entry in enumerate(self._tiles):
-            given = *shared, self._each, tile, self._sources.get(tile, [])
-            tiles.append(Task(f"tile {tile}", relit_tile, given, record=f"{folder}/{entry['name']}/relit.json"))
+            given = self._each, tile, self._sources.get(tile, [])
+            record = f"{folder}/{entry['name']}/relit.json"
+            tiles.append(Task(f"tile {tile}", relit_tile, (*shared, *given), record=record))
         if "splat" in self._each.formats:
             for n in self._far:
-                given = *shared, n, self._request.sky
-                far.append(Task(f"far {n}", relit_far, given, record=f"{folder}/far/{n:05d}.json"))
+                record = f"{folder}/far/{n:05d}.json"
+                far.append(Task(f"far {n}", relit_far, (*shared, n, self._request.sky), record=record))
         if "sog" in self._each.formats and self._far:
-            given = *shared, self._far, self._request.sky
-            far.append(Task("far", relit_environment, given, record=f"{folder}/{FOLDER}/environment.json"))
+            record = f"{folder}/{FOLDER}/environment.json"
+            far.append(Task("far", relit_environment, (*shared, self._far, self._request.sky), record=record))
         return tiles, far
 
     def report(self) -> dict[str, Any]:

@@ -26,40 +26,21 @@ LIGHT = "light.npz"
 """File of a relit city's folder: the lights that all tiles share."""
 
 
-class SkyImage(NamedTuple):
-    """An Environment as numbers and text, from which it comes back to the bit."""
+class CityLight(NamedTuple):
+    """The light of all tiles.
+
+    radiance, deg, name, formula: of the new light, an Environment. exposure: display value per unit of radiance.
+    sky_exposure: per unit of the new light itself; for the captured light, the factor on it. usual: change of light of
+    the coarse city. capture: radiance (H, W, 3) of the captured light, or None without an estimate. prior: of the
+    albedo, with `capture`. background: outside all tiles, None without one or if no splats are written. beside: of more
+    light, its units of the picture per unit of the new light, and metre, irradiance and candela of the LampScale; None
+    where the new light is alone.
+    """
 
     radiance: NDArray[np.float32]
     deg: float
     name: str
     formula: str
-
-    @classmethod
-    def of(cls, sky: Environment) -> "SkyImage":
-        """Those of an Environment."""
-        return cls(sky.radiance, sky.rotation_deg, sky.name, sky.formula or "")
-
-    @property
-    def environment(self) -> Environment:
-        """The Environment."""
-        if str(self.name) == CAPTURED and not self.radiance.any():
-            return CapturedLight()
-        sky = Environment(self.radiance, str(self.name), float(self.deg))
-        sky.formula = str(self.formula) or None
-        return sky
-
-
-class Light(NamedTuple):
-    """The light of all tiles.
-
-    sky: the new light. exposure: display value per unit of radiance. sky_exposure: per unit of the new light itself;
-    for the captured light, the factor on it. usual: change of light of the coarse city. capture: radiance (H, W, 3) of
-    the captured light, or None without an estimate. prior: of the albedo, with `capture`. background: outside all
-    tiles, None without one or if no splats are written. beside: of more light, its units of the picture per unit of the
-    new light, and metre, irradiance and candela of the LampScale; None where the new light is alone.
-    """
-
-    sky: SkyImage
     exposure: float
     sky_exposure: float
     usual: Usual
@@ -67,6 +48,15 @@ class Light(NamedTuple):
     prior: Prior | None = None
     background: Background | None = None
     beside: NDArray[np.float64] | None = None
+
+    @property
+    def sky(self) -> Environment:
+        """The new light, to the bit."""
+        if str(self.name) == CAPTURED and not self.radiance.any():
+            return CapturedLight()
+        sky = Environment(self.radiance, str(self.name), float(self.deg))
+        sky.formula = str(self.formula) or None
+        return sky
 
 
 class CoarseCity(NamedTuple):
@@ -84,12 +74,11 @@ class CoarseCity(NamedTuple):
 
 
 class Shared(NamedTuple):
-    """The data that every task reads. sky, capture: Environments of the Light."""
+    """The data that every task reads. sky: of the CityLight."""
 
     city: CoarseCity
-    light: Light
+    light: CityLight
     sky: Environment
-    capture: Environment | None
 
 
 def city_of(store: Store) -> dict[str, Any]:
@@ -113,19 +102,18 @@ def coarse_city(store: Store) -> CoarseCity:
     return CoarseCity(np.array(city["scene_from_splat"]), cores, coarse)
 
 
-def write_light(store: Store, folder: str, light: Light) -> str:
-    """Store a Light; return its key."""
+def write_light(store: Store, folder: str, light: CityLight) -> str:
+    """Store a CityLight; return its key."""
     return store.write_arrays(f"{folder}/{LIGHT}", **flat("", light))
 
 
 @lru_cache(1)
 def shared_at(root: str, folder: str, key: str) -> Shared:
-    """The content of a folder of the city at the root of a Store. key: of its Light, by which a process recognises
+    """The content of a folder of the city at the root of a Store. key: of its CityLight, by which a process recognises
     content that it has read."""
     store = Store(root)
-    light = cast(Light, restored(Light, "", store.read_arrays(f"{folder}/{LIGHT}", key)))
-    capture = None if light.capture is None else Environment(light.capture, "the capture")
-    return Shared(coarse_city(store), light, light.sky.environment, capture)
+    light = cast(CityLight, restored(CityLight, "", store.read_arrays(f"{folder}/{LIGHT}", key)))
+    return Shared(coarse_city(store), light, light.sky)
 
 
 def flat(name: str, value: Any) -> dict[str, Any]:

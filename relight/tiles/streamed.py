@@ -69,13 +69,11 @@ def lod_meta(leaves: list[dict[str, Any]], environment: bool) -> dict[str, Any]:
     """The content of lod-meta.json for the leaves of all tiles. environment: whether there is one."""
     names = sorted({lod["file"] for leaf in leaves for lod in leaf["lods"].values()})
     number = {name: index for index, name in enumerate(names)}
-    counts = [0] * LOD_LEVELS
+    counts = [sum(leaf["lods"][str(level)]["count"] for leaf in leaves) for level in range(LOD_LEVELS)]
     filled = []
     for leaf in leaves:
         lods = {level: {**lod, "file": number[lod["file"]]} for level, lod in leaf["lods"].items()}
         filled.append({"bound": leaf["bound"], "lods": lods})
-        for level, lod in lods.items():
-            counts[int(level)] += lod["count"]
     meta = {
         "version": 1,
         "asset": {"generator": f"splat2mesh {VERSION}"},

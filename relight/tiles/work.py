@@ -27,8 +27,8 @@ from ..engine.appearance import CAPTURE, Appearance
 from ..engine.light_mix import LightKind, LightMix
 from ..engine.relighter import Relighter
 from ..lamps.asked import LampScale
-from ..lamps.placing import asked_lamps
 from ..light.captured import CapturedLight
+from ..light.environment import Environment
 from ..options import LightingOptions
 from ..output.relit_splats import BoundSplats, SplatLight, relit
 from ..splats.binding import Binding
@@ -36,7 +36,7 @@ from ..splats.light_ratio import Usual, log_gain
 from .background import background_of, far_splats, relit_background
 from .local import NEAR, Local, TileNeighborhood, room_for
 from .mixture import beside, lamps_near
-from .shared import Light, Shared, SkyImage, coarse_city, shared_at, write_light
+from .shared import CityLight, Shared, coarse_city, shared_at, write_light
 from .streamed import FOLDER, environment_files, tile_levels
 
 CITY_METRE = 1.0
@@ -47,17 +47,27 @@ DIAGONAL = 10.0
 far from the mesh a splat takes its light."""
 
 
+class TileRequest(NamedTuple):
+    """The request for every tile. albedo: of `city.ALBEDOS`. memory: GiB of a process, or None. spacing: distance
+    between stations, scene units."""
+
+    options: LightingOptions
+    albedo: str
+    formats: tuple[str, ...]
+    memory: float | None
+    spacing: float
+
+
 def common_light(
     store: Store,
     folder: str,
-    options: LightingOptions,
-    albedo: str,
-    ev: float | None,
+    request: TileRequest,
+    sky: Environment,
+    ev: float | None,  # exposure in stops, if requested
     far: list[int],  # pieces whose far background is to be lit
-    sky: SkyImage,  # the new light
 ) -> dict[str, Any]:
     """Estimate the captured light and the exposure from the coarse city, write FOLDER/light.npz, and return facts."""
-    city, new = coarse_city(store), sky.environment
+    city, options, albedo = coarse_city(store), request.options, request.albedo
     scene = city.scene_of([mesh for mesh in city.coarse if mesh is not None])
     relighter = Relighter(scene, options)
     captured = scene.colors_linear
@@ -78,16 +88,15 @@ def common_light(
         colors = found.albedo
         capture = None if found.brightness is None else {"brightness": found.brightness}
     look = Appearance(colors, captured, before, capture=capture)
-    placed = asked_lamps(options.placed)
-    mix = LightMix(options, placed, new, relighter, look, exposure_ev=ev, metre=CITY_METRE)
-    shading = mix.alone_under(new)
-    exposure = mix.exposure([new], shading.radiance)
+    mix = LightMix(options, options.placed, sky, relighter, look, exposure_ev=ev, metre=CITY_METRE)
+    shading = mix.alone_under(sky)
+    exposure = mix.exposure([sky], shading.radiance)
     received: Any = look.received(shading.radiance)
     if mix.kind.adds:
         level = mix.level(shading.radiance)
         known["beside"] = np.array([level, mix.scale.metre, mix.scale.irradiance, mix.scale.candela])
         received = beside(mix, level).shading(look, shading).received
-        facts["lamps"] = len(placed)
+        facts["lamps"] = len(mix.asked_lamps)
     after = received * np.float32(exposure)
     shares = vertex_areas(relighter.occluder)
     usual = Usual.of(before.astype(np.float64), after.astype(np.float64), shares)
@@ -95,19 +104,9 @@ def common_light(
     if far:
         known["background"] = background_of(store, far, scene, before, after)
     shown = mix.captured_factor if mix.kind is LightKind.CAPTURED else mix.env_scale
-    light = Light(sky, exposure, exposure * shown, usual, **known)
+    image = sky.radiance, sky.rotation_deg, sky.name, sky.formula or ""
+    light = CityLight(*image, exposure, exposure * shown, usual, **known)
     return {**facts, "exposure": exposure, "sha256": write_light(store, folder, light)}
-
-
-class TileRequest(NamedTuple):
-    """The request for every tile. albedo: of `city.ALBEDOS`. memory: GiB of a process, or None. spacing: distance
-    between stations, scene units."""
-
-    options: LightingOptions
-    albedo: str
-    formats: tuple[str, ...]
-    memory: float | None
-    spacing: float
 
 
 def relit_tile(
@@ -165,7 +164,7 @@ def _lit(
     shown = np.clip(radiance * np.float32(shared.light.exposure), 0.0, 1.0)
     files = {}
     if "glb" in request.formats:
-        files["mesh.glb"] = glb_bytes(mesh.vertices, mesh.normals, mesh.faces, shown)
+        files["mesh.glb"] = glb_bytes(mesh, shown)
     if "ply" in request.formats:
         files["mesh.ply"] = mesh_ply_bytes(replace(mesh, colors_srgb=bytes_from_unit(srgb_from_linear(shown))))
     if "npy" in request.formats:
@@ -183,12 +182,13 @@ def _lit_part(
     options, sky, light = request.options, shared.sky, shared.light
     relighter = Relighter(local.scene, options, shown=lambda: local.shown)
     captured = local.scene.colors_linear
-    colors, before = captured, np.ones_like(captured)
+    colors: Radiance | None = captured
+    before = np.ones_like(captured)
     if request.albedo == "white":
         colors, before = None, captured
-    elif shared.capture is not None:
-        given = relighter.occluder, captured, shared.capture, light.prior, options.seed
-        colors, before = under_light(*given, relighter.transport(CAPTURE))
+    elif light.capture is not None:
+        known = Environment(light.capture, "the capture"), light.prior, options.seed
+        colors, before = under_light(relighter.occluder, captured, *known, relighter.transport(CAPTURE))
     look, more = Appearance(colors, captured, before), None
     facts: dict[str, Any] = {}
     if light.beside is not None:

@@ -10,7 +10,7 @@ from relight import Environment, LightingOptions
 from relight.options import PLACE_TOLERANCE
 from relight.splats.light_ratio import Usual
 from relight.tiles.local import tile_mesh
-from relight.tiles.shared import Light, SkyImage, coarse_city, write_light
+from relight.tiles.shared import CityLight, coarse_city, write_light
 from relight.tiles.work import TileRequest, relit_tile
 from relight.transfer.occluder import Occluder
 from relight.transfer.reference import reference
@@ -36,8 +36,9 @@ def light_error(scene, light, tiles, vertices, memory=None, seed=0):
     """
     store = Store(scene)
     plan, sky = CityPlan(**store.read_json(FILE)["plan"]), Environment.load(light)
+    usual = Usual(np.ones(3), np.ones(3))  # no splats are lit
     coarse_meshes = coarse_city(store).coarse
-    key = write_light(store, FOLDER, Light(SkyImage.of(sky), 1.0, 1.0, Usual(np.ones(3), np.ones(3))))
+    key = write_light(store, FOLDER, CityLight(sky.radiance, 0.0, sky.name, sky.formula or "", 1.0, 1.0, usual))
     rng = np.random.default_rng(seed)
     full = [tile for tile, mesh in enumerate(coarse_meshes) if mesh is not None]
     chosen = np.sort(rng.choice(full, min(tiles, len(full)), replace=False)).tolist()

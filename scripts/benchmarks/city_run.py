@@ -24,7 +24,7 @@ def main(source, output, workers, settings):
     workers, settings = json.loads(workers), json.loads(settings)
     survey.PIXELS["draft"] = settings.pop("pixels", survey.PIXELS["draft"])
     deaths = settings.pop("deaths", None)
-    with tiling_engine(TilingOptions(workers=workers), Stages()) as running:
+    with tiling_engine(TilingOptions(workers=workers)) as running:
         if deaths is None:
             print(json.dumps(city_in_steps(source, TaskSteps(Store(output), running, Stages()), *_asked(settings))))
             return

@@ -55,7 +55,7 @@ def convert_city(
     done.
     """
     refuse_in_cities(options, KNOWN)
-    with tiling_engine(tiling, stages) as engine:
+    with tiling_engine(tiling) as engine:
         return city_in_steps(source, TaskSteps(Store(output), engine, stages), options, tiling, overwrite)
 
 
@@ -69,16 +69,10 @@ def city_in_steps(
     """The same by an engine that runs already."""
     store = steps.store
     pieces = pieces_of(os.fspath(source), options.lod)
-    asked = _asked(options, tiling, options.vertices)
+    asked = _asked(options, tiling)
     asked["source"] = [[piece.path, piece.first, piece.last, size_of(piece)] for piece in pieces]
     if not store.begin("", FILE, asked, overwrite, tiling.resume):
-        store.write("work/begun", b"")  # an unwritable folder fails before a large source is read
-        try:
-            plan = _planned(steps, pieces, asked)
-        except InputError:  # bad input, and nothing of value was written yet
-            store.remove()
-            raise
-        store.write_json(FILE, {"asked": asked, "plan": asdict(plan)})
+        store.write_json(FILE, {"asked": asked, "plan": asdict(_planned(steps, pieces, asked))})
     key, plan = known_plan(store)
     deals = [Task(f"deal {n}", deal, (store, key, n), record=dealt_of(n)) for n in range(len(plan.pieces))]
     steps.need("deal", [task for task in deals if not store.exists(task.record)])
@@ -89,10 +83,10 @@ def city_in_steps(
     return _finished(steps, plan, records, source)
 
 
-def _asked(options: ConvertOptions, tiling: TilingOptions, vertices: int | None) -> dict[str, Any]:
+def _asked(options: ConvertOptions, tiling: TilingOptions) -> dict[str, Any]:
     """The settings that a resumed run must share."""
     asked: dict[str, Any] = {"up": options.up, "detail": options.detail}
-    return asked | {"memory": tiling.memory, "tile_splats": tiling.tile_splats, "vertices": vertices}
+    return asked | {"memory": tiling.memory, "tile_splats": tiling.tile_splats, "vertices": options.vertices}
 
 
 def _planned(steps: TaskSteps, pieces: list[CityPiece], asked: dict[str, Any]) -> CityPlan:
@@ -196,7 +190,7 @@ def outlook(
     options, tiling = options or ConvertOptions(), tiling or TilingOptions()
     refuse_in_cities(options, KNOWN)
     pieces = pieces_of(os.fspath(source), options.lod)
-    plan = _planned(TaskSteps(Store("."), Loop(), stages or Stages()), pieces, _asked(options, tiling, None))
+    plan = _planned(TaskSteps(Store("."), Loop(), stages or Stages()), pieces, _asked(options, tiling))
     most = splats_for(tiling.memory, tiling.tile_splats)  # of the fullest tile, its halo included
     return {
         "splats": plan.splats,

@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from ..base.arrays import Indices, Points
+from ..base.arrays import Indices
 from ..base.cells import CELLS, keys_of
 from ..options import LEAST_VERTICES
 from ..scene.mesh import Mesh, vertex_normals
@@ -60,13 +60,17 @@ def merged_in_cells(
     low = points.min(axis=0)
     longest = 1.001 * float(np.ptp(points, axis=0).max()) or 1.0
     few, many = 1, CELLS // 2  # cells along the longest side
+
+    def cells(along: int) -> Indices:
+        return keys_of(np.floor((points - low) / (longest / along)))
+
     while many - few > 1:
         middle = (few + many) // 2
-        if len(np.unique(_cells(points - low, longest / middle))) > wanted:
+        if len(np.unique(cells(middle))) > wanted:
             many = middle
         else:
             few = middle
-    _, cell = np.unique(_cells(points - low, longest / few), return_inverse=True)
+    _, cell = np.unique(cells(few), return_inverse=True)
     held = np.bincount(cell)
     means = np.stack([np.bincount(cell, points[:, axis]) / held for axis in range(3)], axis=1)
     corners = np.sort(cell[faces], axis=1)
@@ -75,8 +79,3 @@ def merged_in_cells(
     first = rows[np.sort(np.unique(key, return_index=True)[1])]
     used, kept = np.unique(cell[faces[first]], return_inverse=True)
     return means[used], kept.reshape(-1, 3).astype(np.int32)
-
-
-def _cells(places: Points, size: float) -> Indices:
-    """A number for the cell of each place, (N,) int64."""
-    return keys_of(np.floor(places / size))

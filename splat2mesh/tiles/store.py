@@ -80,8 +80,8 @@ class Store:
                 return {}
         return {name.removeprefix(top).lstrip("/"): int(about["size"]) for name, about in sorted(found.items())}
 
-    def remove(self, name: str = "") -> None:
-        """Remove a file or a folder of files, if it exists; by default everything."""
+    def remove(self, name: str) -> None:
+        """Remove a file or a folder of files, "" for the root, if it exists."""
         where = self.path(name)
         if self.is_local:
             shutil.rmtree(where, ignore_errors=True)
@@ -103,8 +103,11 @@ class Store:
                 raise InputError(f"{path}: was started with other settings or another source: `resume` cannot continue")
         elif there and not overwrite:
             raise InputError(f"{path} exists already: choose another `output`, or `overwrite` or `resume` it")
-        elif not resume and not folder and self.is_local:
-            check_output(path, overwrite, record)
+        elif not folder and self.is_local:
+            check_output(path, overwrite or resume, record)
+        elif not folder:  # a bucket that cannot be written fails before a large source is read
+            self.write("work/begun", b"")
+            self.remove("work/begun")
         if there and not resume:
             self.remove(folder)
         return there and resume
@@ -122,7 +125,7 @@ class Store:
                 raise
             raise InputError(f"{self.path(name)}: not valid JSON ({error})") from error
 
-    def write_arrays(self, name: str, **arrays: Any) -> str:
+    def write_arrays(self, name: str, /, **arrays: Any) -> str:
         """NumPy arrays as one .npz, not packed; returns its SHA-256."""
         buffer = io.BytesIO()
         np.savez(buffer, **arrays)

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.arrays import Faces, Indices, Points
-from ..scene.color import linear_from_srgb
 from ..scene.mesh import Mesh, edge_keys, normals_of
 from ..scene.meshfile import mesh_ply_bytes
+from ..scene.scene import Scene
 from ..surface.album import GREY, Album, filled_in
 from ..surface.clean import fill_holes, without_floaters
 from ..surface.fair import fair
@@ -48,9 +48,9 @@ def mesh(store: Store, key: str, tile: int) -> dict[str, Any]:
         far, distant = twins(made, len(known.tiles))
         files = {
             f"{name}/mesh.ply": mesh_ply_bytes(made),
-            f"{name}/mesh.glb": _as_glb(made),
+            f"{name}/mesh.glb": glb_bytes(made, Scene([made]).colors_linear),
             f"{name}/{FAR}": mesh_ply_bytes(far),
-            f"{name}/far.glb": _as_glb(far),
+            f"{name}/far.glb": glb_bytes(far, Scene([far]).colors_linear),
         }
         if distant is not None:
             files[f"{name}/{DISTANT}"] = mesh_ply_bytes(distant)
@@ -144,8 +144,3 @@ def without_crowded(points: NDArray, faces: NDArray, fixed: NDArray) -> NDArray:
     crowded = np.zeros(len(faces), bool)
     crowded[of_face[order[rank >= 2]]] = True
     return faces[~crowded | fixed[faces].any(axis=1)]
-
-
-def _as_glb(mesh: Mesh) -> bytes:
-    linear = linear_from_srgb(mesh.colors_srgb.astype(np.float32) / np.float32(255))
-    return glb_bytes(mesh.vertices, mesh.normals, mesh.faces, linear)

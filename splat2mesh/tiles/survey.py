@@ -1,6 +1,5 @@
 """First passes over a city: a sample of every piece makes the plan; then every piece is divided among the tiles."""
 
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -8,7 +7,7 @@ import numpy as np
 from ..base.errors import InputError
 from ..splats.cleaning import REASONS, say_dropped, usable
 from ..splats.extent import check_extent
-from ..splats.facts import FileFacts, common
+from ..splats.facts import FileFacts
 from ..splats.joining import joined
 from ..splats.placing import placed
 from ..splats.splats import MIN_SPLATS, NUMBERS, Splats
@@ -30,13 +29,12 @@ OUTSIDE = 1.0
 
 
 class Found(NamedTuple):
-    """A piece, counted. sample: Splats of it without harmonics. weight: splats that each stands for. counts: of all, of
-    what is unusable by reason, and of the usable. facts: of its file."""
+    """A piece, counted. sample: some of its Splats, without harmonics. weight: splats that each stands for. counts: of
+    all, and of what is unusable by reason."""
 
     sample: Splats
     weight: float
     counts: dict[str, int]
-    facts: FileFacts
 
 
 def survey(piece: CityPiece, most: int) -> Found:
@@ -48,9 +46,9 @@ def survey(piece: CityPiece, most: int) -> Found:
         rows = rows[~splats.environment[rows]]
     chosen = rows[:: max(1, -(-len(rows) // most))]
     arrays = {name: getattr(splats, name)[chosen] for name in NUMBERS if name != "sh"}
-    sample = Splats(**arrays, sh=np.zeros((len(chosen), 1, 3), np.float32))
     facts = FileFacts(up=splats.facts.up, up_from=splats.facts.up_from if splats.facts.up else "")
-    return Found(sample, len(rows) / max(len(chosen), 1), {"splats": len(splats), **counts}, facts)
+    sample = Splats(**arrays, sh=np.zeros((len(chosen), 1, 3), np.float32), facts=facts)
+    return Found(sample, len(rows) / max(len(chosen), 1), {"splats": len(splats), **counts})
 
 
 def plan_of(pieces: list[CityPiece], found: list[Found], settings: dict[str, Any]) -> CityPlan:
@@ -63,8 +61,7 @@ def plan_of(pieces: list[CityPiece], found: list[Found], settings: dict[str, Any
     if len(sample) < MIN_SPLATS:
         raise InputError(f"{len(sample)} usable splats: at least {MIN_SPLATS} are needed")
     check_extent(sample)
-    facts = common([each.facts for each in found])
-    rotation, up_from = upright(settings["up"], (), replace(sample, facts=facts), lambda: True)
+    rotation, up_from = upright(settings["up"], (), sample, lambda: True)
     turned = placed(sample, rotation)
     trained = training_pixel(turned)
     pixel = max(trained, LEAST_PIXEL * apart(turned.means.astype(np.float64), weights))

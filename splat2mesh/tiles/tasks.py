@@ -5,10 +5,8 @@ A failed task is named, and so are the tasks that waited for it; all others are 
 
 import os
 import time
-import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from importlib.util import find_spec
 from typing import Any, NamedTuple
 
 from ..base.console import ONE_BLAS_THREAD, peak_mb
@@ -25,10 +23,6 @@ DEATHS = 25
 
 CONNECT_S = 10
 """Seconds in which a scheduler must answer, and after which workers are counted."""
-
-DASHBOARD = "127.0.0.1:8787"
-"""Where Dask's dashboard answers, which needs bokeh; another port where that one is taken. To this machine alone: it
-asks nobody who they are."""
 
 
 class Task(NamedTuple):
@@ -116,14 +110,11 @@ class Cluster:
 
 
 @contextmanager
-def tiling_engine(tiling: TilingOptions, stages: Stages) -> Iterator[Any]:
+def tiling_engine(tiling: TilingOptions) -> Iterator[Any]:
     """The engine that runs the tasks of a city: a Loop, a Cluster of workers started here, or that of a scheduler.
-
-    stages: prints the address of its dashboard, if any. Raises InputError for a scheduler that does not answer and for
-    workers of another version of this package.
-    """
-    scheduler, workers = tiling.scheduler, tiling.workers
-    if scheduler is None and workers is None:
+    Raises InputError for a scheduler that does not answer and for workers of another version of this package."""
+    scheduler, workers = tiling.scheduler, tiling.workers or 1
+    if scheduler is None and tiling.workers is None:
         yield Loop()
         return
     needed("distributed", "`scheduler`: a scheduler" if scheduler else "`workers`: more than one process")
@@ -138,9 +129,9 @@ def tiling_engine(tiling: TilingOptions, stages: Stages) -> Iterator[Any]:
         "distributed.scheduler.worker-ttl": None,
         "distributed.comm.timeouts.connect": "120s",
     }
-    for name in ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS"):  # neighbours share the cores
-        settings[f"distributed.nanny.pre-spawn-environ.{name}"] = str(max(1, (os.cpu_count() or 1) // (workers or 1)))
-    settings |= {f"distributed.nanny.pre-spawn-environ.{name}": value for name, value in ONE_BLAS_THREAD.items()}
+    cores = str(max(1, (os.cpu_count() or 1) // workers))  # which neighbours share
+    variables = {"NUMBA_NUM_THREADS": cores, "OMP_NUM_THREADS": cores, **ONE_BLAS_THREAD}
+    settings |= {f"distributed.nanny.pre-spawn-environ.{name}": value for name, value in variables.items()}
     with dask.config.set(settings):
         if scheduler is not None:
             try:
@@ -151,21 +142,13 @@ def tiling_engine(tiling: TilingOptions, stages: Stages) -> Iterator[Any]:
             with client:
                 yield _connect(client, scheduler)
             return
-        shown = find_spec("bokeh") is not None
-        with warnings.catch_warnings():
-            warnings.filterwarnings("ignore", "Port ", UserWarning)  # another run has it: any other port will do
-            cluster = LocalCluster(
-                n_workers=workers,
-                threads_per_worker=1,
-                processes=True,
-                memory_limit=0 if tiling.memory is None else f"{tiling.memory}GiB",
-                dashboard_address=DASHBOARD if shown else None,
-                silence_logs=50,
-            )
-        with cluster, Client(cluster) as client:
+        limit = 0 if tiling.memory is None else f"{tiling.memory}GiB"
+        each: dict[str, Any] = {"threads_per_worker": 1, "processes": True, "memory_limit": limit}
+        with (
+            LocalCluster(n_workers=workers, dashboard_address=None, silence_logs=50, **each) as cluster,
+            Client(cluster) as client,
+        ):
             cluster.adapt(minimum=workers, maximum=workers, interval=f"{CONNECT_S}s")  # replaces those that are gone
-            if shown:
-                stages.notify(f"dashboard: {client.dashboard_link}")
             yield _connect(client, "the local cluster")
 
 

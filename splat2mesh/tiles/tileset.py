@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ..base.arrays import Bounds
 from ..scene.glb import UNLIT, Glb, matt
+from ..scene.mesh import Mesh
 
 FAR_ERROR = 0.02
 """Geometric error of a coarse twin, in units of its tile's diagonal."""
@@ -47,14 +48,10 @@ def _box(bounds: Bounds) -> list[float]:
     return [x, -z, y, half[0], 0.0, 0.0, 0.0, half[2], 0.0, 0.0, 0.0, half[1]]
 
 
-def glb_bytes(
-    points: NDArray,  # (V, 3)
-    normals: NDArray,  # (V, 3) unit
-    faces: NDArray,  # (F, 3)
-    color_linear: NDArray,  # (V, 3) in [0, 1]
-) -> bytes:
-    """One mesh of at least one face. Positions are float32 about their middle, which a node carries as a translation:
-    far from the origin of a city float32 alone would be coarse."""
+def glb_bytes(mesh: Mesh, color_linear: NDArray) -> bytes:
+    """A Mesh of at least one face in other colours, (V, 3) in [0, 1]. Positions are float32 about their middle, which a
+    node carries as a translation: far from the origin of a city float32 alone would be coarse."""
+    points, normals = mesh.vertices, mesh.normals
     middle = np.round((points.min(axis=0) + points.max(axis=0)).astype(np.float64) / 2)
     safe = np.where((np.abs(normals) > 0).any(axis=1, keepdims=True), normals, [0.0, 1.0, 0.0])
     file = Glb(extensionsUsed=[UNLIT], materials=[matt("tile")])
@@ -63,6 +60,6 @@ def glb_bytes(
         "NORMAL": file.values((safe / np.linalg.norm(safe, axis=1, keepdims=True)).astype(np.float32)),
         "COLOR_0": file.colors(color_linear),
     }
-    file.mesh("tile", attributes, indices=file.triangles(faces), material=0)
+    file.mesh("tile", attributes, indices=file.triangles(mesh.faces), material=0)
     file.document.nodes[0].translation = middle.tolist()
     return file.content()

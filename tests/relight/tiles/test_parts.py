@@ -17,7 +17,6 @@ from relight.tiles.shared import city_of, coarse_city
 from relight.tiles.work import TileRequest, relit_tile
 from relight.transfer.precomputed import Precomputed
 from splat2mesh.base.errors import InputError
-from splat2mesh.base.progress import Stages
 from splat2mesh.options import TilingOptions
 from splat2mesh.splats.formats import read_splats
 from splat2mesh.tiles.plan import FILE, CityPlan
@@ -112,7 +111,7 @@ def test_a_city_in_parts_is_lit_as_uncut(city, cut, uncut):
 @pytest.mark.slow
 def test_a_worker_writes_the_same_parts(city, cut, tmp_path):
     copy = Path(shutil.copytree(city, tmp_path / "copy", ignore=shutil.ignore_patterns("relit")))
-    with tiling_engine(TilingOptions(workers=1), Stages()) as running:
+    with tiling_engine(TilingOptions(workers=1)) as running:
         assert sums(relit(copy, little(city), "cut", running)) == sums(cut)
 
 

@@ -11,7 +11,6 @@ from buckets import bucket_server, copied, made_bucket, no_rights
 from cities import few_pixels, generated, meshed, sums
 
 from splat2mesh.base.errors import InputError, UnfinishedError
-from splat2mesh.base.progress import Stages
 from splat2mesh.cli import main
 from splat2mesh.options import TilingOptions
 from splat2mesh.scene.meshfile import mesh_from_ply_bytes
@@ -130,8 +129,9 @@ def test_a_place_that_is_taken_is_not_written(made, patch, source, tmp_path):
         meshed(source, made[0])
     (tmp_path / "own").mkdir()
     (tmp_path / "own" / "letter.txt").write_text("mine")
-    with pytest.raises(InputError, match="does not replace it"):
-        meshed(source, tmp_path / "own", overwrite=True)
+    for wish in ({"overwrite": True}, {"resume": True}):
+        with pytest.raises(InputError, match="does not replace it"):
+            meshed(source, tmp_path / "own", **wish)
     assert (tmp_path / "own" / "letter.txt").exists()
 
 
@@ -199,7 +199,7 @@ def test_a_silent_scheduler_and_workers_of_another_version_are_reported(monkeypa
 
     monkeypatch.setattr(tasks, "CONNECT_S", 0.2)
     nowhere = TilingOptions(scheduler="tcp://127.0.0.1:9")
-    with pytest.raises(InputError, match="does not answer"), tiling_engine(nowhere, Stages()):
+    with pytest.raises(InputError, match="does not answer"), tiling_engine(nowhere):
         pass
 
     class Client:

@@ -3,13 +3,10 @@
 import os
 import sys
 from pathlib import Path
-from socket import create_connection
-from urllib.request import urlopen
 
 import numpy as np
 import pytest
 
-from splat2mesh.base.progress import Stages
 from splat2mesh.options import TilingOptions
 from splat2mesh.tiles.tasks import Cluster, Loop, Task, tiling_engine
 
@@ -53,7 +50,7 @@ def test_workers_say_the_same_and_one_that_dies_or_is_gone_is_replaced(tmp_path,
     monkeypatch.setattr("splat2mesh.tiles.tasks.CONNECT_S", 0.5)
     with (
         pytest.importorskip("dask").config.set({"distributed.deploy.lost-worker-timeout": "1s"}),
-        tiling_engine(ONE, Stages()) as running,
+        tiling_engine(ONE) as running,
     ):
         assert isinstance(running, Cluster)
         assert outcomes(running) == outcomes(Loop())
@@ -76,23 +73,9 @@ def faults(size):
     return -made() + made()
 
 
-def test_the_dashboard_answers_to_this_machine_alone(monkeypatch):
-    pytest.importorskip("distributed")
-    monkeypatch.setattr("splat2mesh.tiles.tasks.find_spec", lambda name: name == "bokeh")
-    told: list[str] = []
-    with tiling_engine(ONE, Stages(tell=told.append)):
-        (address,) = [line.removeprefix("dashboard: ") for line in told]
-        host, port = address.split("/")[2].split(":")
-        assert host == "127.0.0.1"
-        with urlopen(address) as page:
-            assert page.status == 200
-        with pytest.raises(OSError, match="refused"):
-            create_connection(("127.0.0.2", int(port)), timeout=5)
-
-
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="glibc's malloc")
 def test_a_worker_keeps_its_memory_for_what_comes_next():
     pytest.importorskip("distributed")
-    with tiling_engine(ONE, Stages()) as running:
+    with tiling_engine(ONE) as running:
         (done,) = running.run([Task("faults", faults, (3 << 20,))])
     assert done.result < 10 * (3 << 20) / os.sysconf("SC_PAGE_SIZE") / 10  # all of them without
