@@ -163,9 +163,7 @@ class TileNeighborhood:
             if distant is None or distant.vertices[:, 1].max() - lowest < LOWEST * apart[other]:
                 continue
             if touching[other] and other != tile:
-                part = _part(tile_mesh(store, other), box, inside=True)
-                if len(part.faces):
-                    self._near.append(part)
+                self._near.append(_part(tile_mesh(store, other), box, inside=True))
             beside = apart[other] < MIDDLE * spacing
             self._far.append(mesh_from_ply_bytes(store.read(f"{folder_of(other)}/{FAR}")) if beside else distant)
         self.coarse = sum(len(mesh.vertices) for mesh in self._far)
