@@ -125,6 +125,10 @@ def tiling_engine(tiling: TilingOptions) -> Iterator[Any]:
         "distributed.scheduler.allowed-failures": DEATHS,
         "distributed.logging.distributed": "critical",
         "distributed.worker.profile.enabled": False,  # a thread that polls the task all the time
+        # tasks take seconds: polling each process fifty times a second took 6% of a core
+        "distributed.admin.tick.interval": "1s",
+        "distributed.admin.system-monitor.interval": "5s",
+        "distributed.worker.memory.monitor-interval": "500ms",
         # on a busy machine a worker may be silent for minutes and well; one that has died here is known to have
         "distributed.scheduler.worker-ttl": None,
         "distributed.comm.timeouts.connect": "120s",
