@@ -142,7 +142,7 @@ def draw_hand(canvas: Canvas, bench: HandBench, top: float, hot: Hot) -> None:
     low = base - GAP - len(names) * small
     canvas.rectangle(LEFT - 8, low, wide + 16, top - low, BAR)
     canvas.text(LEFT, base + height + 5, "captured light: drag its sun", TEXT)
-    _map(canvas, present, LEFT, base, LARGE)
+    canvas.picture(LEFT, base, LARGE, present)
     right, up = place_on_map(bench.hand.azimuth_deg, bench.hand.height_deg)
     if bench.hand.sun_share > 0.0:
         x, y = LEFT + right * width, base + up * height
@@ -154,7 +154,7 @@ def draw_hand(canvas: Canvas, bench: HandBench, top: float, hot: Hot) -> None:
         shown, used = bench.map_of(number), number == bench.number
         across, tall = CELL * shown.shape[1], CELL * shown.shape[0]
         canvas.rectangle(LEFT - 2, base - 2, across + 4, tall + 4, ON if used else CHIP)
-        _map(canvas, shown, LEFT, base, CELL)
+        canvas.picture(LEFT, base, CELL, shown)
         canvas.text(LEFT + across + GAP, base + tall / 2 - 4, name, TEXT if used else DIM)
         hot((LEFT - 2, base - 2, wide, tall + 4), f"{OFFER}{number}")
 
@@ -165,16 +165,3 @@ def _name(bench: HandBench, number: int) -> str:
         return f"{number + 1}  {entry.name}"
     share = 100.0 * entry.share
     return f"{number + 1}  {entry.name}, " + (f"{share:.0f} %" if share >= 0.5 else "below 1 %")
-
-
-def _map(canvas: Canvas, shown: NDArray[np.uint8], left: float, base: float, cell: float) -> None:
-    """Draw a map, (rows, columns, 3) uint8, as runs of one colour along its rows."""
-    rows, columns = shown.shape[:2]
-    for row in range(rows):
-        start = 0
-        for column in range(1, columns + 1):
-            if column == columns or (shown[row, column] != shown[row, start]).any():
-                red, green, blue = (int(each) for each in shown[row, start])
-                place = left + start * cell, base + (rows - 1 - row) * cell
-                canvas.rectangle(*place, (column - start) * cell, cell, (red, green, blue, 255))
-                start = column

@@ -1,14 +1,15 @@
 """The text on the window: buttons, sliders, figures and help, redrawn when one of them changes."""
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..output.kinds import PICTURE_SIZE
 from ..planning.decide import SAMPLE_VERTICES
 from ..transfer.settings import BOUNCES, SUN
-from .canvas import BAR, CHIP, DARK, DIM, HANDLE, IDLE, KEY, MARGIN, ON, TEXT, WARNING, Canvas, HotArea
+from .canvas import BAR, CHIP, DARK, DIM, HANDLE, IDLE, MARGIN, ON, TEXT, WARNING, Canvas, HotArea
 from .controls import CONTROLS, MOUSE, SLIDERS, Control, Slider, key_name
 from .hand_tool import draw_hand
 from .lighting import STAGES, FinishedShading
@@ -56,14 +57,18 @@ class Panel:
     hot: list of HotArea, the topmost first.
     """
 
-    def __init__(self, renderer: Any) -> None:
-        self._canvas = Canvas(renderer)
+    def __init__(self) -> None:
+        self._canvas, self._before = Canvas(), ([], [])
         self.hot: list[HotArea] = []
 
     @property
     def boxes(self) -> dict:
-        """Where each text stands: dict of (text, x, y) -> (left, bottom, width, height) in pixels, as drawn."""
+        """Where each text stands: dict of (text, x, y) -> (left, bottom, width, height) in pixels."""
         return self._canvas.boxes
+
+    def over(self, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """The panel before a picture (H, W, 3) of the window."""
+        return self._canvas.over(picture)
 
     def draw(
         self,
@@ -92,7 +97,8 @@ class Panel:
                 self._help(session, units)
             elif session.uses("hand") and session.hand is not None:
                 draw_hand(self._canvas, session.hand, units[1] - TOP, self._hot)
-        return self._canvas.show()
+        before, self._before = self._before, self._canvas.contents
+        return before != self._before
 
     def _top(self, session: "Session", units: Units) -> None:
         width, height = units
@@ -102,7 +108,7 @@ class Panel:
         for control in reversed([control for control in CONTROLS if control.row == "modes"]):
             right -= self._chip(session, control, right, base + 12, from_right=True) + _GAP
         count = sum(len(chunk.vertices) for chunk in session.scene.chunks)
-        self._canvas.text(MARGIN, base + 27, session.name, TEXT, KEY)
+        self._canvas.text(MARGIN, base + 27, session.name, TEXT)
         lit = session.answers.lit
         facts = f"{count:,} vertices" + (f", {lit.settings}" if lit else "")
         self._canvas.text(MARGIN, base + 10, self._canvas.fitted(facts, right - 2 * MARGIN), DIM)
@@ -249,7 +255,7 @@ class Panel:
         for part, key_at, text_at in columns:
             for row, (key, text) in enumerate(part):
                 y = base + tall - MARGIN - (row + 1) * step + 6
-                self._canvas.text(left + key_at, y, key, ON[:3], KEY)
+                self._canvas.text(left + key_at, y, key, ON[:3])
                 self._canvas.text(left + text_at, y, text, TEXT)
 
     def _hot(self, box: tuple[float, ...], name: str, value: Callable[[float, float], float] | None = None) -> None:

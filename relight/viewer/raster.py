@@ -36,7 +36,7 @@ class Raster:
         if (orbit, size) == self._seen:
             return
         width, height = self.size = size
-        x, y = np.meshgrid(np.arange(width) + 0.5 - 0.5 * width, np.arange(height) + 0.5 - 0.5 * height)
+        x, y = np.meshgrid(np.arange(width) + 0.5 - 0.5 * width, 0.5 * height - 0.5 - np.arange(height))
         ways = np.stack([x, y, np.full_like(x, -orbit.focal(size))], axis=-1) @ orbit.axes
         self._ways, self._sky_places = ways.astype(np.float32), None
         self._seen = orbit, size
@@ -53,12 +53,12 @@ class Raster:
         backdrop: Any = ((0, 0, 0), (0, 0, 0)),  # without a sky, sRGB bytes at the bottom and the top
         ground: GroundLight | None = None,  # on which an object stands
     ) -> NDArray:
-        """The picture, (H, W, 3) uint8, BOTTOM row first."""
+        """The picture, (H, W, 3) uint8, top row first."""
         width, height = self.size
         out = np.zeros((height, width, 3), np.uint8)
         before, split = (colors, 0.0) if captured is None else captured
         low, high = np.asarray(backdrop, np.float32)
-        ramp = np.linspace(low, high, height).astype(np.float32)
+        ramp = np.linspace(high, low, height).astype(np.float32)
         places, image, shift = np.zeros((0, 0, 2), np.float32), np.zeros((1, 1, 3), np.uint8), np.float32(0.0)
         if sky is not None:
             places, image, shift = self._places(), sky[0], np.float32(sky[1] % 360.0 / 360.0)

@@ -1,16 +1,12 @@
-"""Draws the window behind its panel: the surface in the colours of the session, the captured surface, the sky.
+"""The picture behind the panel: the surface in the colours of the session, the captured surface, the sky.
 
-Our own rays find the visible face of each pixel, and OpenGL shows the picture: it looks the same in a window, off
-screen and in a browser, with and without a graphics card.
+Our own rays find the visible face of each pixel, with and without a graphics card.
 """
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
-from vtkmodules.vtkCommonDataModel import vtkImageData
-from vtkmodules.vtkRenderingCore import vtkTexture, vtkWindowToImageFilter
 
 from splat2mesh.scene.drawn import Drawn
 from splat2mesh.scene.scene import Scene
@@ -33,13 +29,13 @@ SMOOTH = 2
 
 
 class Stage:
-    """Surface and sky as pictures in a VTK renderer. Pictures are (H, W, 3) uint8, bottom row first.
+    """Surface and sky as pictures, (H, W, 3) uint8, top row first.
 
     ground: the light on the ground below an object, which shows before the sky; None without.
     """
 
-    def __init__(self, renderer: Any, scene: Scene) -> None:
-        self._renderer, self._drawn = renderer, Drawn(scene)
+    def __init__(self, scene: Scene) -> None:
+        self._drawn = Drawn(scene)
         self._captured: NDArray[np.uint8] = self._drawn.scene.colors_srgb
         self._shown: NDArray[np.generic] = self._captured
         self._objects: tuple[InsertedLight, float, NDArray[np.uint8]] | None = None
@@ -47,9 +43,6 @@ class Stage:
         self.ground: GroundLight | None = None
         self._raster: Raster | None = None
         self._behind = Raster(np.zeros((0, 3)), np.zeros((0, 3)))
-        self._picture = vtkTexture()
-        self._picture.SetColorModeToDirectScalars()
-        self._picture.InterpolateOn()
         self.splats = SplatPainter(scene)
 
     def color(self, colors: NDArray) -> None:
@@ -113,25 +106,3 @@ class Stage:
         """Sky, backdrop and ground of a picture."""
         sky = None if angle_deg is None or self._sky is None else (self._sky, angle_deg)
         return sky, BACKDROP, None if sky is None else self.ground
-
-    def show(self, picture: NDArray[np.uint8]) -> None:
-        """Show a picture behind the panel. A smaller one fills the window too."""
-        image = vtkImageData()
-        image.SetDimensions(picture.shape[1], picture.shape[0], 1)
-        image.GetPointData().SetScalars(numpy_to_vtk(np.ascontiguousarray(picture).reshape(-1, 3), deep=True))
-        self._picture.SetInputData(image)
-        self._renderer.SetBackgroundTexture(self._picture)
-        self._renderer.TexturedBackgroundOn()
-
-
-def pixels(render_window: Any) -> NDArray:
-    """The picture of a window, (H, W, 3) uint8, top row first."""
-    grabber = vtkWindowToImageFilter()
-    grabber.SetInput(render_window)
-    grabber.SetInputBufferTypeToRGB()
-    grabber.ReadFrontBufferOff()
-    grabber.ShouldRerenderOff()
-    grabber.Update()
-    image = grabber.GetOutput()
-    width, height, _ = image.GetDimensions()
-    return vtk_to_numpy(image.GetPointData().GetScalars()).reshape(height, width, 3)[::-1].copy()

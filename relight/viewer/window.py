@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 from vtkmodules.vtkInteractionStyle import vtkInteractorStyleUser
 
 from splat2mesh.base.errors import InputError
@@ -28,7 +29,7 @@ from .recording import Recording, free_name
 from .request import Turntable
 from .session import Session
 from .splat_painter import coarser, joined
-from .stage import Stage, pixels
+from .stage import Stage
 from .worker import REST_SECONDS
 
 SIZE = PICTURE_SIZE
@@ -51,8 +52,9 @@ class Window:
         self.session: Session = session
         self.plotter = pyvista.Plotter(off_screen=off_screen, window_size=list(size), notebook=False, title="relight")
         self.plotter.render_window.SetMultiSamples(0)  # pictures are smooth; more take OpenGL four times as long
-        self._stage, self.note = Stage(self.plotter.renderer, session.scene), ""
-        self.panel = Panel(self.plotter.renderer)
+        self._texture = pyvista.Texture
+        self._stage, self.note = Stage(session.scene), ""
+        self.panel = Panel()
         self._ground = None if session.scene.is_place else StandingGround(session.scene)
         camera = session.scene.preview_camera or default_camera(session.scene, size[0] / size[1])
         orbit = Orbit.of(camera, session.scene.vertices, session.scene.diagonal)
@@ -63,6 +65,7 @@ class Window:
         self._coming: Session | None = None  # in a captured light that was kept
         self.mouse: Mouse = Mouse(self)
         self._drawn: tuple | None = None
+        self._picture: NDArray[np.uint8] = np.zeros((1, 1, 3), np.uint8)  # without the panel
         self._sky: tuple[int, float] | None = None
         self._seen_from: tuple[Orbit, tuple[int, int]] | None = None
         self.loop: Any = None  # of a notebook
@@ -145,7 +148,7 @@ class Window:
             self._draw_panel()
         if not (changed or sharpens):
             return False
-        self.plotter.render_window.Render()
+        self._render()
         return True
 
     def _renew(self) -> None:
@@ -184,11 +187,10 @@ class Window:
 
     def picture(self, panel: bool = True) -> NDArray:
         """The picture of the window, (H, W, 3) uint8, with smooth edges, with or without the panel."""
-        self._draw_now(panel)
-        image = pixels(self.plotter.render_window)
+        picture = self._draw_now(panel)
         if not panel:
             self._drawn = None  # the panel must reappear
-        return image
+        return picture
 
     def press_key(self, key: str) -> None:
         """Run the control of this VTK key symbol; other keys do nothing."""
@@ -258,11 +260,19 @@ class Window:
         self.session.close()
         self.plotter.close()
 
-    def _draw_now(self, panel: bool = True) -> None:
+    def _draw_now(self, panel: bool = True) -> NDArray[np.uint8]:
         self.session.poll()
         self._draw_scene(True, wait=True)
         self._draw_panel(bare=not panel)
+        return self._render()
+
+    def _render(self) -> NDArray[np.uint8]:
+        """Show scene and panel; return their picture."""
+        picture = self.panel.over(self._picture)
+        self.plotter.renderer.SetBackgroundTexture(self._texture(picture))
+        self.plotter.renderer.TexturedBackgroundOn()
         self.plotter.render_window.Render()
+        return picture
 
     def _draw_panel(self, bare: bool = False) -> bool:
         return self.panel.draw(self.session, self.size, self.note, self.mouse.lamps.marks(), bare)
@@ -280,7 +290,9 @@ class Window:
         else:
             split = session.state.split_at if session.state.split else None
             picture = self._stage.drawn(self.orbit, size, split, angle, smooth=rests)
-        self._stage.show(picture)
+        if moves:
+            picture = np.asarray(Image.fromarray(picture).resize(self.size, Image.Resampling.BILINEAR))
+        self._picture = picture
 
     def _colored(self, rests: bool) -> bool:
         """Give surface, objects, sky and ground their colours; return whether the sky shows."""
@@ -301,11 +313,11 @@ class Window:
     def _splats_drawn(
         self, size: tuple[int, int], rests: bool, moves: bool, angle: float | None, wait: bool
     ) -> NDArray[np.uint8]:
-        """The picture of the splats, bottom row first, before the sky at an angle: exact at rest."""
+        """The picture of the splats before the sky at an angle: exact at rest."""
         session, stage, orbit, splats = self.session, self._stage, self.orbit, self.session.splats
         assert splats is not None
         draw = stage.splats.exact if rests or moves else stage.splats.again
-        back = stage.behind(orbit, size, angle)[::-1]
+        back = stage.behind(orbit, size, angle)
         shown, inserted, objects = splats.shown(session, rests, wait), session.inserted, session.objects
         if inserted is not None and objects is not None:
             draw = stage.splats.exact  # objects are other splats in each picture
@@ -315,7 +327,7 @@ class Window:
         if session.state.split:
             before = draw(splats.source.captured, orbit, size).over(back)
             picture = joined(before, picture, session.state.split_at)
-        return picture[::-1]
+        return picture
 
 
 def load_pyvista(off_screen: bool) -> Any:

@@ -76,7 +76,7 @@ def test_the_ground_darkens_under_the_object_and_nothing_else_does(window):
     assert darker.min() >= -1 and (darker.max(axis=2) > 8).mean() > 0.02  # a byte of rounding
     seen = window._stage._raster._face
     size = seen.shape[0] // SIZE[1]
-    covered = (seen >= 0)[::-1].reshape(SIZE[1], size, SIZE[0], size).all(axis=(1, 3))
+    covered = (seen >= 0).reshape(SIZE[1], size, SIZE[0], size).all(axis=(1, 3))
     assert covered.any() and not darker[covered].any()
     window.session.change(sky=False)  # before plain grey there is no ground, as in pictures
     assert (bare(window)[:5] == bare(window)[:5, :1]).all()
