@@ -33,15 +33,18 @@ class Bench(Generic[Asked, Found]):
     """Answers the state that is wanted. `poll` it often.
 
     wanted: returns the present state; states are compared by ==. exact: the work that finds the result for a state.
-    quick: that for a coarse result, from an exact Answer. Both are called in the window's thread, the work is not; None
-    where there is nothing to do. first: an Answer to begin with.
+    quick: that for a coarse result, from the last exact Answer if there is one. Both are called in the window's thread,
+    the work is not; None where there is nothing to do. first: an Answer to begin with. spare: how many exact answers
+    are kept for a return.
     """
+
+    spare = SPARE
 
     def __init__(
         self,
         wanted: Callable[[], Asked],
         exact: Callable[[Asked, Check], Callable[[], Found] | None],
-        quick: Callable[[Asked, Answer[Asked, Found]], Callable[[], Found | None] | None],
+        quick: Callable[[Asked, Answer[Asked, Found] | None], Callable[[], Found | None] | None],
         first: Answer[Asked, Found] | None = None,
     ) -> None:
         self._wanted, self._closed = wanted, False
@@ -83,11 +86,11 @@ class Bench(Generic[Asked, Found]):
             self._newest, self._tried = self.shown, None
         if self.settled or self.failure:
             return changed
-        if (rests or self._newest is None) and True not in self._running:
+        if wanted != self._tried and False not in self._running:
+            known = self._kept[-1] if self._kept else None
+            self._tried = wanted if self._start(False, wanted, self._quick(wanted, known)) else None
+        if (rests or (self._newest is None and False not in self._running)) and True not in self._running:
             self._start(True, wanted, self._exact(wanted, self._check(wanted)))
-        if self._kept and wanted != self._tried and False not in self._running:
-            self._tried = wanted
-            self._start(False, wanted, self._quick(wanted, self._kept[-1]))
         return changed
 
     def close(self) -> None:
@@ -96,9 +99,10 @@ class Bench(Generic[Asked, Found]):
         for pool in self._pools.values():
             pool.shutdown(wait=False, cancel_futures=True)
 
-    def _start(self, full: bool, state: Asked, work: Callable[[], Found | None] | None) -> None:
+    def _start(self, full: bool, state: Asked, work: Callable[[], Found | None] | None) -> bool:
         if work is not None:
             self._running[full] = state, self._pools[full].submit(work)
+        return work is not None
 
     def _check(self, state: Asked) -> Check:
         def check(_: int = 0) -> None:
@@ -119,7 +123,7 @@ class Bench(Generic[Asked, Found]):
         if result is not None:
             answer = Answer(state, result, full)
             if full:
-                self._kept = [*self._kept[-SPARE:], answer]
+                self._kept = [*self._kept, answer][-1 - self.spare :]
             if not full or self._newest is None or state == self._wanted():  # a quick one is closer to the present
                 self._newest = answer
         return error is None or bool(self.failure)

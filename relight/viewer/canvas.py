@@ -67,7 +67,7 @@ class Canvas:
     @property
     def boxes(self) -> dict[tuple[str, int, int], tuple[float, ...]]:
         """Where each text stands: dict of (text, x, y) -> (left, bottom, width, height) in pixels."""
-        found = {}
+        found: dict[tuple[str, int, int], tuple[float, ...]] = {}
         for string, x, y, _ in self._texts:
             left, top, right, bottom = self._font.getbbox(string, anchor="ls")
             found[string, x, y] = x + left, y - bottom, right - left, bottom - top
@@ -86,7 +86,8 @@ class Canvas:
 
     def text(self, left: float, base: float, string: str, color: tuple[int, ...]) -> None:
         """color: (3,) bytes."""
-        self._texts.append((string, *self._pixels(left, base), color))
+        x, y = self._pixels(left, base)
+        self._texts.append((string, x, y, color))
 
     def width(self, string: str) -> float:
         """Width of a text in units."""

@@ -33,20 +33,24 @@ Setting: TypeAlias = tuple[int, HandLight]
 class HandBench(Bench[Setting | None, Bytes]):
     """The captured light as a hand sets it.
 
-    message: the text to show, or "". kept: the Setting that was written last, or None.
+    message: the text to show, or "". setting: the present Setting; None before it is ready. kept: the one that was
+    written last, or None.
     """
 
     def __init__(
-        self, lights: Callable[[], LightByHand], under_kept_light: Callable[[], SessionRequest] | None = None
+        self,
+        lights: Callable[[], LightByHand],
+        under_kept_light: Callable[[], SessionRequest] | None = None,
+        changed: Callable[[], None] = lambda: None,
     ) -> None:
-        """Arguments as of SessionRequest, `lights` its `hand_source`."""
-        super().__init__(lambda: self._now, self._exactly, self._quickly)
-        self.message, self._source, self._under_kept_light = "", lights, under_kept_light
+        """Arguments as of SessionRequest, `lights` its `hand_source`. changed: called after every change."""
+        super().__init__(lambda: self.setting, self._exactly, self._quickly)
+        self.message, self._source, self._under_kept_light, self._changed = "", lights, under_kept_light, changed
+        self.setting: Setting | None = None
         self.kept: Setting | None = None
         self._relit: Future[SessionRequest] | None = None
         self._lights: LightByHand | None = None
         self._coming: Future[LightByHand] | None = None
-        self._now: Setting | None = None
         self._maps: dict[Any, NDArray[np.uint8]] = {}
 
     @property
@@ -60,19 +64,14 @@ class HandBench(Bench[Setting | None, Bytes]):
         return [] if self._lights is None else list(self._lights.offered)
 
     @property
-    def setting(self) -> Setting | None:
-        """The number of the offered light in use and what is set of it; None before it is ready."""
-        return self._now
-
-    @property
     def number(self) -> int:
         """Number, from 0, of the offered light in use."""
-        return 0 if self._now is None else self._now[0]
+        return 0 if self.setting is None else self.setting[0]
 
     @property
     def hand(self) -> HandLight:
         """What is set."""
-        return HandLight() if self._now is None else self._now[1]
+        return HandLight() if self.setting is None else self.setting[1]
 
     def prepare(self) -> None:
         """Start the long work, in the thread."""
@@ -88,20 +87,24 @@ class HandBench(Bench[Setting | None, Bytes]):
             else:
                 self._lights = done.result()
                 self.choose(self._lights.first)
-        changed = self._now is not None and super().poll(rests)
+        changed = self.setting is not None and super().poll(rests)
         self.message = self.message or self.failure
         return changed
 
     def change(self, **changes: float) -> None:
         """Set fields of the HandLight. Raises InputError for names and numbers that are none."""
-        if self._now is not None:
-            self._now, self.message = (self._now[0], self._now[1].changed(**changes)), ""
+        if self.setting is not None:
+            self._to(self.setting[0], self.setting[1].changed(**changes))
 
     def choose(self, number: int) -> None:
         """Begin anew with an offered light, counted from 0; the numbers wrap around."""
         if self._lights is not None:
             number %= len(self._lights.offered)
-            self._now, self.message = (number, self._lights.offered[number].hand), ""
+            self._to(number, self._lights.offered[number].hand)
+
+    def _to(self, number: int, hand: HandLight) -> None:
+        self.setting, self.message = (number, hand), ""
+        self._changed()
 
     def reset(self) -> None:
         """Begin anew with the offered light in use."""
@@ -117,10 +120,10 @@ class HandBench(Bench[Setting | None, Bytes]):
 
     def keep(self) -> Path | None:
         """Write the light into the folder of the scene; its path, None before there is one. Raises InputError."""
-        if self._lights is None or self._now is None:
+        if self._lights is None or self.setting is None:
             return None
-        path = self._lights.keep(*self._now)
-        self.kept = self._now
+        path = self._lights.keep(*self.setting)
+        self.kept = self.setting
         if self._under_kept_light is not None:
             self._relit = self.submit(self._under_kept_light)
         return path
@@ -141,7 +144,7 @@ class HandBench(Bench[Setting | None, Bytes]):
 
     def map_of(self, number: int | None) -> NDArray[np.uint8]:
         """The map of an offered light, or of the present one for None: (MAP_WIDTH / 2, MAP_WIDTH, 3) uint8 sRGB."""
-        key = self._now if number is None else number
+        key = self.setting if number is None else number
         if key not in self._maps:
             if len(self._maps) > 2 * len(self.offered) + 8:
                 self._maps.clear()
@@ -152,7 +155,7 @@ class HandBench(Bench[Setting | None, Bytes]):
     @property
     def figures(self) -> str:
         """What is set, in words."""
-        if self._now is None or self._lights is None:
+        if self.setting is None or self._lights is None:
             return ""
         offered, hand = self.offered[self.number], self.hand
         sun = f"sun {hand.height_deg:.0f}\N{DEGREE SIGN} high at {hand.azimuth_deg:.0f}\N{DEGREE SIGN}"
@@ -168,7 +171,7 @@ class HandBench(Bench[Setting | None, Bytes]):
             return "sharp shadows when the light rests"
         if self._relit is not None:
             return "kept: the scene is being relit"
-        return "kept: commands use it" if self.kept == self._now else "press 0 to keep it"
+        return "kept: commands use it" if self.kept == self.setting else "press 0 to keep it"
 
     def _prepared(self) -> LightByHand:
         lights = self._source()
@@ -179,7 +182,7 @@ class HandBench(Bench[Setting | None, Bytes]):
     def _exactly(self, setting: Setting | None, _: Check) -> Callable[[], Bytes]:
         return partial(self._bytes, setting, True)
 
-    def _quickly(self, setting: Setting | None, _: Answer[Setting | None, Bytes]) -> Callable[[], Bytes]:
+    def _quickly(self, setting: Setting | None, _: Answer[Setting | None, Bytes] | None) -> Callable[[], Bytes]:
         return partial(self._bytes, setting, False)
 
     def _bytes(self, setting: Setting | None, exact: bool) -> Bytes:

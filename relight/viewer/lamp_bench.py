@@ -1,5 +1,6 @@
 """The light of a session's lamps while they change: at once by one ray a vertex, as a relight lights them at rest."""
 
+from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
 
@@ -27,8 +28,8 @@ class LampBench(Bench[BoardState, LampsLit]):
     """The light of a LampBoard on a LampSource. ready: whether changes show at once."""
 
     def __init__(self, source: LampSource, board: LampBoard, first: LightBeside | None) -> None:
-        exact, quick = partial(partial, self._lit), partial(partial, self._changed)
-        super().__init__(lambda: board.state, exact, quick, Answer(board.start, LampsLit(first)))
+        exact = partial(partial, self._lit)
+        super().__init__(lambda: board.state, exact, self._quickly, Answer(board.start, LampsLit(first)))
         self.source, self.ready = source, False
         self._glimpses: dict[BoardLamp, NDArray[np.float32]] = {}
 
@@ -65,10 +66,11 @@ class LampBench(Bench[BoardState, LampsLit]):
         dark = not direct.any() and (tracer.emitters.color > 0.0).any()
         return LampsLit(beside, DARK if dark else "")
 
-    def _changed(self, state: BoardState, known: Answer[BoardState, LampsLit]) -> LampsLit | None:
+    def _quickly(self, state: BoardState, known: Answer[BoardState, LampsLit] | None) -> Callable[[], LampsLit] | None:
+        return partial(self._changed, state, known) if self.ready and known is not None else None
+
+    def _changed(self, state: BoardState, known: Answer[BoardState, LampsLit]) -> LampsLit:
         """The light of a state from a known one: what lamps changed since do is replaced, by one ray a vertex."""
-        if not self.ready:
-            return None
         before, beside = known.state, known.result.beside
         captured, plain = self.source.mixture(before.captured, None), self.source.light_of((), 1.0).without_bounces
         level = np.float32(captured.level)

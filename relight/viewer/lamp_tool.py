@@ -12,7 +12,7 @@ from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
 
 from ..lamps.color import TEMPERATURES, parse_color
 from .lamp_board import bulb_at, place_of
-from .pointing import Tool, WindowView
+from .pointing import Drag, Tool, View
 from .recording import free_name
 
 if TYPE_CHECKING:
@@ -38,26 +38,14 @@ class Mark(NamedTuple):
     selected: bool
 
 
-class LampGrip(NamedTuple):
-    """A lamp being dragged. base: pixels from the pointer to the surface near it. off: distance from that surface,
-    scene units; None without one. depth: of the lamp, along the view. shift: pixels from the pointer to it."""
-
-    number: int
-    base: tuple[float, float] | None
-    off: float
-    depth: float
-    shift: tuple[float, float]
-
-
 class LampTool(Tool):
     """Lamps under the mouse and the keys of a Window. path: the file of the last save, or None."""
 
     name = "lamps"
 
-    def __init__(self, window: WindowView) -> None:
+    def __init__(self, window: View) -> None:
         super().__init__(window)
         self.path: Path | None = None
-        self._grip: LampGrip | None = None
         self._used = False
 
     def marks(self) -> list[Mark]:
@@ -89,38 +77,35 @@ class LampTool(Tool):
         asked = bulb_at(self.in_splat(place + off * normal))
         self._do(lambda: self.bench.add(asked))
 
-    def grip(self, hot: "HotArea | None", x: float, y: float) -> bool:
-        """Start to drag the lamp of a mark, and select it."""
+    def grip(self, hot: "HotArea | None", x: float, y: float) -> Drag | None:
+        """Select the lamp of a mark, and start to drag it: along the surfaces, or with shift in the picture's plane."""
         if hot is None or hot.lamp is None:
-            return False
-        number, board = hot.lamp, self.bench
+            return None
+        number, board, window = hot.lamp, self.bench, self._window
         board.select(number)
         board.timeline.end_merge()
         at = self.in_scene(place_of(board.asked(number)))
         seen = self._seen_at(at)
         if seen is None:
-            return True
-        base = self._window.caster.closest(at[None].astype(np.float32)).points[0]
-        found, off = self._seen_at(base), float(np.linalg.norm(base - at))
-        shift = None if found is None else (found[0] - x, found[1] - y)
-        depth = float((self._window.orbit.eye - at) @ self._window.orbit.axes[2])
-        self._grip = LampGrip(number, shift, off, depth, (seen[0] - x, seen[1] - y))
-        self.holds = True
-        return True
+            return lambda *_: None
+        base = window.caster.closest(at[None].astype(np.float32)).points[0]
+        found, off = self._seen_at(base), float(np.linalg.norm(base - at))  # the surface nearby, and how far it is
+        depth = float((window.orbit.eye - at) @ window.orbit.axes[2])
 
-    def drag(self, x: float, y: float, shift: bool) -> None:
-        """Move the dragged lamp to a pixel: along the surfaces, or with shift in the plane of the picture."""
-        grip, board = self._grip, self.bench
-        if grip is None or board.state.of(grip.number) is None:
-            return
-        hit = None if shift or grip.base is None else self.surface_at(x + grip.base[0], y + grip.base[1])
-        if hit is None:
-            eye, direction = self._window.orbit.ray(x + grip.shift[0], y + grip.shift[1], self._window.size)
-            place = eye + direction * (grip.depth / float(-direction @ self._window.orbit.axes[2]))
-        else:
-            place, normal = hit
-            place = place + min(grip.off, self._free(place, normal) / 2.0) * normal
-        self._do(lambda: board.move(grip.number, self.in_splat(place), merge=("drag", grip.number)))
+        def drag(to_x: float, to_y: float, shift: bool) -> None:
+            if board.state.of(number) is None:
+                return
+            right, up = to_x - x, to_y - y
+            hit = None if shift or found is None else self.surface_at(found[0] + right, found[1] + up)
+            if hit is None:
+                eye, direction = window.orbit.ray(seen[0] + right, seen[1] + up, window.size)
+                place = eye + direction * (depth / float(-direction @ window.orbit.axes[2]))
+            else:
+                place, normal = hit
+                place = place + min(off, self._free(place, normal) / 2.0) * normal
+            self._do(lambda: board.move(number, self.in_splat(place), merge=("drag", number)))
+
+        return drag
 
     def next_color(self) -> None:
         """Give the selected lamp the next colour."""

@@ -58,7 +58,8 @@ class Panel:
     """
 
     def __init__(self) -> None:
-        self._canvas, self._before = Canvas(), ([], [])
+        self._canvas = Canvas()
+        self._before = self._canvas.contents
         self.hot: list[HotArea] = []
 
     @property
@@ -134,7 +135,7 @@ class Panel:
         notice = session.answers.message or session.failure or session.notice
         if hand and session.hand is not None:
             figures, follows, notice = session.hand.figures, session.hand.follows, session.hand.message
-        warning = note or notice or (session.splats.failure if session.splats else "")
+        warning = note or notice or (session.splats.message if session.splats else "")
         if warning:
             follows, color = warning, WARNING
         else:

@@ -4,7 +4,7 @@ import os
 import time
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,9 +14,6 @@ from splat2mesh.base.choices import DEFAULT_FPS
 from splat2mesh.base.errors import InputError
 
 from .request import Turntable
-
-if TYPE_CHECKING:
-    from .pointing import WindowView
 
 KINDS = ".gif", ".mp4"
 
@@ -30,7 +27,7 @@ class Recording:
 
     def __init__(
         self,
-        window: "WindowView",
+        window: Any,  # a Window
         path: str | os.PathLike[str] | None = None,
         turn: Turntable | None = None,
     ) -> None:

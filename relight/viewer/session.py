@@ -8,7 +8,6 @@ import math
 import time
 from collections.abc import Callable, Hashable
 from dataclasses import fields, replace
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,6 +21,7 @@ from ..light.environment import turned_about_y
 from ..light.tonemap import auto_exposure
 from ..transfer.settings import BOUNCES, SHADOWS
 from .answers import Answers
+from .bench import Bench
 from .hand_bench import HandBench
 from .history import Timeline
 from .lamp_bench import LampBench
@@ -72,14 +72,17 @@ class Session:
         if source is not None:
             self.lamps = LampBoard(source.asked, source.captured, self.timeline, source.scale, source.command)
             self.bench = LampBench(source, self.lamps, asked.mixture)
-        self.objects = None if asked.object_source is None else ObjectBench(asked.object_source, self.timeline)
-        self.hand = None if asked.hand_source is None else HandBench(asked.hand_source, asked.under_kept_light)
+        objects, key = asked.object_source, self._key_of_objects
+        self.objects = None if objects is None else ObjectBench(objects, self.timeline, key, self._light_on)
+        self.hand = (
+            None if asked.hand_source is None else HandBench(asked.hand_source, asked.under_kept_light, self._edited)
+        )
         self.parts = None if asked.part_source is None else PartBench(asked.part_source, self.timeline)
-        self.splats = None if asked.splats is None else RelitSplats(asked.splats)
+        self.splats = None if asked.splats is None else RelitSplats(asked.splats, self)
         self._given_exposure = asked.exposure
         self._exposures: dict[tuple[str | None, str], float] = {}
         self._memory: dict[str, tuple[Any, tuple, Any]] = {}  # derived values by name
-        self._moved = self._edited_at = self._hand_moved = -math.inf
+        self._moved = self._edited_at = -math.inf
         self.light_seconds: float | None = None
         self.revision = 0
         options, effects = asked.lighting, asked.lighting.chosen_effects
@@ -109,7 +112,8 @@ class Session:
         """Reset everything."""
         self.change(**{field.name: getattr(self.start, field.name) for field in fields(State)})
         self.timeline.reset()
-        self.set_hand(HandBench.reset)
+        if self.hand is not None:
+            self.hand.reset()
 
     def anew(self, asked: SessionRequest) -> "Session":
         """A session of another request for the same scene, with the settings of this one."""
@@ -125,27 +129,18 @@ class Session:
         kept = {field.name: getattr(other.state, field.name) for field in fields(State)}
         self.change(**kept | {"tool": "", "split": False})
 
-    def set_hand(self, change: Callable[[HandBench], None]) -> None:
-        """Change the captured light that a hand sets; nothing in a session without. Raises what the change raises."""
-        if self.hand is not None:
-            change(self.hand)
-            self.revision, self._hand_moved = self.revision + 1, self.clock()
-
     def poll(self) -> None:
         """Collect results, without waiting, and give work to what rests. Call it often."""
         rests = not self.state.turning and self.clock() - self._moved > REST_SECONDS
-        lamps_rest = self.clock() - self._edited_at > REST_SECONDS
-        news = [self.answers.poll()]
-        if self.splats is not None:
-            news.append(self.splats.poll())
-        if self.bench is not None:
-            news.append(self.bench.poll(lamps_rest))
-        if self.objects is not None:
-            under = partial(self._light_on, self.objects) if self._answered and self._in_first_albedo else None
-            news.append(self.objects.lit(under, self._key_of_objects(), rests and lamps_rest))
-        if self.hand is not None and self.uses("hand"):
-            news.append(self.hand.poll(self.clock() - self._hand_moved > REST_SECONDS))
-        self.revision += sum(news)
+        edits_rest = self.clock() - self._edited_at > REST_SECONDS
+        benches: list[tuple[Bench | None, bool]] = [
+            (self.bench, edits_rest),
+            (self.objects, rests and edits_rest),
+            (self.hand if self.uses("hand") else None, edits_rest),
+            (self.splats if self.shows_splats else None, rests),
+        ]
+        news = self.answers.poll()
+        self.revision += news + sum(bench.poll(still) for bench, still in benches if bench is not None)
         if rests:
             self.answers.ask()
 
@@ -339,11 +334,12 @@ class Session:
         lamps = None if self.lamps is None else self.lamps.state
         return self.state.environment, self.state.angle_deg, self.state.lamps, self.effects, lamps
 
-    def _light_on(self, objects: ObjectBench) -> ObjectsUnder:
-        """The present light on objects. The worker must have answered."""
+    def _light_on(self) -> ObjectsUnder | None:
+        """The present light on objects; None before the worker has answered, and under other albedos."""
         mixture, alone, plain = self.mixture, self.environment_radiance(), self.plain_radiance()
-        assert alone is not None and plain is not None  # or the worker has not answered
-        look, exposure = objects.source.received, self.exposure()
+        if alone is None or plain is None or self.objects is None or not (self._answered and self._in_first_albedo):
+            return None
+        look, exposure = self.objects.source.received, self.exposure()
         received = np.asarray((look if mixture is None else mixture.receives(look))(alone, exposure), np.float32)
         environment, angle = self.environments[self.state.environment], self.state.angle_deg
         if mixture is None:
@@ -353,7 +349,7 @@ class Session:
         return ObjectsUnder(environment, angle, mixture.env_scale, captured, lamps, mixture.level, plain, received)
 
     def _edited(self) -> None:
-        """The work after a change of lamps, captured light or objects."""
+        """The work after a change of lamps, objects, a part or the captured light."""
         self.revision += 1
         self.answers.message, self._edited_at = "", self.clock()
 

@@ -1,16 +1,16 @@
 """The relit splats of a session: at once without the fit in views, exact when the light rests.
 
-A thread binds splats to their mesh and fits them to its light, since both take longer than a frame.
+A thread binds splats to their mesh, since that takes long.
 """
 
+import time
 from collections.abc import Callable, Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from splat2mesh.base.errors import InputError
 from splat2mesh.splats.splats import Splats
 
 from ..engine.light_mix import LightBeside, Received
@@ -20,6 +20,8 @@ from ..light.environment import Environment, turned_about_y
 from ..output.relit_splats import BoundSplats, SplatLight, relit
 from ..splats.binding import ROUNDS
 from ..splats.sky import FarSplats
+from .bench import Answer, Bench, Check
+from .worker import in_words
 
 if TYPE_CHECKING:
     from ..insert.inserts import InsertedLight
@@ -70,99 +72,98 @@ class SplatSource(NamedTuple):
     sky_level: float | None = None
 
 
-class _Wanted(NamedTuple):
-    """The dependencies of a picture of the splats."""
+@dataclass(frozen=True, eq=False)
+class SplatsUnder:
+    """The light that splats are wanted in. sky: its name and angle, and whether it shows; None where no splat shows it.
+    Two are equal if they are of the same objects."""
 
     radiance: NDArray[np.float32]
+    mixture: LightBeside | None
+    inserted: "InsertedLight | None"
     exposure: float
     albedo: str
-    sky: tuple[str | None, float, bool] | None  # name, angle and whether it is shown; None where no splat shows it
-    mixture: LightBeside | None
-    inserted: "InsertedLight | None" = None
+    sky: tuple[str | None, float, bool] | None
 
-    def same(self, other: "_Wanted | None") -> bool:
-        if other is None or self.mixture is not other.mixture or self.inserted is not other.inserted:
-            return False
-        return self.radiance is other.radiance and self[1:4] == other[1:4]
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, SplatsUnder) and self.plain == other.plain and self.inserted is other.inserted
+
+    @property
+    def plain(self) -> tuple:
+        """What it depends on besides inserted objects."""
+        return id(self.radiance), id(self.mixture), self.exposure, self.albedo, self.sky
 
 
-class RelitSplats:
-    """The splats of a SplatSource in the light of a Session.
+class RelitSplats(Bench[SplatsUnder | None, Splats]):
+    """The splats of a SplatSource in the light of a Session. source: the SplatSource."""
 
-    source: the SplatSource. failure: why they cannot be relit, or "".
-    """
+    spare = 0
 
-    def __init__(self, source: SplatSource) -> None:
-        self.source, self.failure = source, ""
-        self._thread = ThreadPoolExecutor(1, thread_name_prefix="splats")
-        self._bound: Future = self._thread.submit(lambda: (source.binding(), source.far(source.captured)))
-        self._bound_reported = False
-        self._pending: tuple[_Wanted, Future] | None = None
-        self._exact: tuple[_Wanted, Splats] | None = None
+    def __init__(self, source: SplatSource, session: Any) -> None:
+        super().__init__(self._wanted_now, self._exactly, self._quickly)
+        self.source, self._session = source, session
+        self._bound = self.submit(lambda: (source.binding(), source.far(source.captured)))
+        self._plain: tuple[SplatsUnder, Splats] | None = None  # without the effect of objects
 
     @property
     def waiting(self) -> bool:
         """Whether they are still being bound."""
         return not self._bound.done()
 
-    def poll(self) -> bool:
-        """Collect finished work without waiting; return whether that changes the picture."""
-        changed = False
-        if not self._bound_reported and self._bound.done():
-            self._bound_reported = changed = True
-            error = self._bound.exception()
-            self.failure = "" if error is None else f"the splats stay as captured: {error}"
-        if self._pending is not None and self._pending[1].done():
-            wanted, done = self._pending
-            self._pending = None
-            if done.exception() is None:
-                self._exact, changed = (wanted, done.result()), True
-            else:
-                self.failure = f"the splats stay without their fit: {done.exception()}"
-        return changed
+    @property
+    def message(self) -> str:
+        """Why they cannot be relit, or ""."""
+        broken = in_words(error) if (error := self._binding_error) else self.failure
+        return broken and f"the splats stay as captured: {broken}"
 
-    def shown(self, session: Any, rests: bool, wait: bool = False) -> Splats:
-        """The Splats under the present light of a session, in order, in their own frame.
+    @property
+    def _binding_error(self) -> BaseException | None:
+        return None if self.waiting else self._bound.exception()
 
-        rests: whether the light rests, so that a fit is worthwhile. wait: until they are bound and fitted.
-        """
-        if wait:
-            self._bound.exception()
-            self.poll()
-        radiance, mixture = session.environment_radiance(), session.mixture
-        if radiance is None or not self._bound.done() or self._bound.exception() is not None:
-            return self.source.captured
-        binding, far = self._bound.result()
-        state = session.state
+    def colored(self) -> Splats:
+        """The Splats in the newest light, in order, in their own frame: captured ones before."""
+        shown = None if self.message else self.shown
+        return self.source.captured if shown is None else shown.result
+
+    def wait(self) -> None:
+        """Wait until they are bound and fitted, where they can be."""
+        self._bound.exception()
+        while self._session.objects_settled and not (self.settled or self.message or self._wanted_now() is None):
+            self.poll(True)
+            time.sleep(0.001)
+
+    def _wanted_now(self) -> SplatsUnder | None:
+        session, state = self._session, self._session.state
+        radiance = session.environment_radiance()
+        if radiance is None or self.waiting or self._binding_error or state.albedo not in self.source.looks:
+            return None
+        _, far = self._bound.result()
         sky = (session.answers.light_name, state.angle_deg, state.sky) if len(far.rows) else None
-        inserted = session.inserted
-        wanted = _Wanted(radiance, session.exposure(), state.albedo, sky, mixture, inserted)
-        if self._exact is not None and wanted.same(self._exact[0]):
-            return self._exact[1]
+        return SplatsUnder(radiance, session.mixture, session.inserted, session.exposure(), state.albedo, sky)
 
-        relit_now = self._relighting(session, wanted, binding, far)
-        try:
-            if wait:
-                self._exact = wanted, relit_now()
-                return self._exact[1]
-            if rests and session.objects_settled and self._pending is None:
-                self._pending = wanted, self._thread.submit(relit_now)
-            plain: Splats = session.remembered("splats", wanted[1:4], lambda: relit_now(0), radiance, mixture)
-            if inserted is None:
-                return plain
-            # At the vertices, without edges: while objects move, only the splats that they change get new colours.
-            found: Splats = session.remembered(
-                "splats with objects", None, lambda: binding.shaded(plain, inserted.ratio), plain, inserted
-            )
-            return found
-        except InputError as error:
-            self.failure = f"the splats stay as captured: {error}"
-            return self.source.captured
+    def _exactly(self, wanted: SplatsUnder | None, _: Check) -> Callable[[], Splats] | None:
+        return None if wanted is None or not self._session.objects_settled else self._relighting(wanted)
 
-    def _relighting(self, session: Any, wanted: _Wanted, binding: "Binding", far: FarSplats) -> Callable[..., Splats]:
-        """The function that relights the splats as a session wants them now: all, or with 0 rounds what is quick."""
-        look, state, mixture = self.source.looks[wanted.albedo], session.state, wanted.mixture
-        light = session.answers.light
+    def _quickly(
+        self, wanted: SplatsUnder | None, _: Answer[SplatsUnder | None, Splats] | None
+    ) -> Callable[[], Splats] | None:
+        """Without the fit in views, and with objects at the vertices, without edges."""
+        if wanted is None:
+            return None
+        relight, (binding, _far) = self._relighting(wanted), self._bound.result()
+
+        def quickly() -> Splats:
+            if self._plain is None or self._plain[0].plain != wanted.plain:
+                self._plain = wanted, relight(0)
+            plain = self._plain[1]
+            return plain if wanted.inserted is None else binding.shaded(plain, wanted.inserted.ratio)
+
+        return quickly
+
+    def _relighting(self, wanted: SplatsUnder) -> Callable[..., Splats]:
+        """The function that relights the splats as they are wanted now: all, or with 0 rounds what is quick."""
+        session, mixture = self._session, wanted.mixture
+        (binding, far), look = self._bound.result(), self.source.looks[wanted.albedo]
+        light, state = session.answers.light, session.state
         mirrored = _mirrored(session, wanted, look.gloss is not None)
         own_sky = mixture is not None and mixture.keeps_sky
         sky_exposure, exposure = session.sky_exposure(), wanted.exposure
@@ -190,12 +191,8 @@ class RelitSplats:
         factor = 1.0 if level is None else level / (sky.mean_luminance or 1.0)
         return light._replace(sky=sky, sky_factor=exposure * factor)
 
-    def close(self) -> None:
-        """Stop all requests."""
-        self._thread.shutdown(wait=False, cancel_futures=True)
 
-
-def _mirrored(session: Any, wanted: _Wanted, glossy: bool) -> Callable[[NDArray[np.floating]], NewLight | None]:
+def _mirrored(session: Any, wanted: SplatsUnder, glossy: bool) -> Callable[[NDArray[np.floating]], NewLight | None]:
     """The function for what glossy splats mirror of the present light of a session, whose vertices receive so much."""
     state, light, mixture = session.state, session.answers.light, wanted.mixture
     board, bench = session.lamps, session.bench

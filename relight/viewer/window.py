@@ -4,7 +4,6 @@ import os
 import sys
 import time
 from ctypes.util import find_library
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,6 @@ from PIL import Image
 from vtkmodules.vtkInteractionStyle import vtkInteractorStyleUser
 
 from splat2mesh.base.errors import InputError
-from splat2mesh.render.raycaster import RayCaster
 
 from ..output.images import write_png
 from ..output.kinds import PICTURE_SIZE
@@ -25,6 +23,7 @@ from .ground import StandingGround
 from .modes import surface_colors
 from .mouse import Mouse
 from .panel import Panel, bars_of
+from .pointing import View
 from .recording import Recording, free_name
 from .request import Turntable
 from .session import Session
@@ -40,7 +39,7 @@ RESTING_OBJECT_SAMPLES = 2  # along the side of a pixel
 _NO_DISPLAY = "no display: save a picture by `screenshot`, or start it in a notebook"
 
 
-class Window:
+class Window(View):
     """A PyVista window over a Session. `run` it, or call `tick` from a loop of your own.
 
     session: the Session. plotter: the pyvista.Plotter. orbit: the camera. note: a line of the window's own.
@@ -86,27 +85,6 @@ class Window:
         ):  # fmt: skip
             interactor.AddObserver(event, lambda *_, act=act: act())
         self._interactor = interactor
-
-    @property
-    def size(self) -> tuple[int, int]:
-        """Present width and height in pixels."""
-        return tuple(self.plotter.render_window.GetSize())
-
-    @property
-    def pointer(self) -> tuple[int, int]:
-        """The pixel of the mouse, from the lower left."""
-        x, y = self._interactor.GetEventPosition()
-        return x, y
-
-    @property
-    def shift(self) -> bool:
-        """Whether the shift key is down."""
-        return bool(self._interactor.GetShiftKey())
-
-    @cached_property
-    def caster(self) -> RayCaster:
-        """The surface of the scene."""
-        return RayCaster(self.session.scene.vertices, self.session.scene.faces)
 
     def run(self) -> None:
         """Show the window until it is closed."""
@@ -199,10 +177,6 @@ class Window:
                 self.note = ""
                 control.act(self)
                 return
-
-    def look(self, orbit: Orbit) -> None:
-        """Look from an Orbit."""
-        self.orbit = orbit
 
     def reset(self) -> None:
         """Reset everything, the camera too."""
@@ -318,7 +292,9 @@ class Window:
         assert splats is not None
         draw = stage.splats.exact if rests or moves else stage.splats.again
         back = stage.behind(orbit, size, angle)
-        shown, inserted, objects = splats.shown(session, rests, wait), session.inserted, session.objects
+        if wait:
+            splats.wait()
+        shown, inserted, objects = splats.colored(), session.inserted, session.objects
         if inserted is not None and objects is not None:
             draw = stage.splats.exact  # objects are other splats in each picture
             view, samples = stage.splats.scene_view(orbit, size), RESTING_OBJECT_SAMPLES if rests else 1
