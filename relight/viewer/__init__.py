@@ -3,7 +3,7 @@
     from relight.viewer import view
     view(scene, "sunset")
 
-`session` holds what the user set; `answers`, `worker` and `lighting` do the heavy work in a process of its own;
+`session` holds what the user set; `worker` and `lighting` do the heavy work in a process of its own;
 `window`, `stage` and `panel` draw. What a hand changes (lamps, objects, the captured light) has a tool under the mouse,
 a bench for its light while it changes, and the engine behind it in `sources`.
 """

@@ -11,7 +11,7 @@ from splat2mesh.base.arrays import Triple
 from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
 
 from ..lamps.color import TEMPERATURES, parse_color
-from .lamp_board import bulb_at, place_of
+from .lamps import bulb_at, place_of
 from .pointing import Drag, Tool, View
 from .recording import free_name
 

@@ -144,7 +144,7 @@ class SessionLighting:
         """Yield (kind, key, payload) for each result that the wish needs and that was not yielded before.
 
         Kinds in order: "unshadowed" ((V, K) float32), "light" (SessionLight), "transfer" ((V, K)), "shading"
-        (FinishedShading), "bounced" ((V, K', 3) float32: bounced light per coefficient), "error" (float). The receiver
+        (FinishedShading), "bounced" ((3, V, K') float32: bounced light per coefficient), "error" (float). The receiver
         needs only the last result of each kind. Raises InputError for a light that cannot be read.
         """
         for kind, key in keys(wish).items():
@@ -204,7 +204,8 @@ class SessionLighting:
 
         plain = relighter.precomputed.transfer(plan.settings)[0][:, : SPREAD_BANDS**2]
         bounced, _ = transfer_with_bounces(plain, albedo, relighter.precomputed.interreflection(rays, plain))
-        return bounced - plain[:, :, None] * np.asarray(albedo, np.float32)[:, None, :]
+        added = bounced - plain[:, :, None] * np.asarray(albedo, np.float32)[:, None, :]
+        return np.ascontiguousarray(np.moveaxis(added, 2, 0))
 
     def _error(self, wish: LightWish) -> float:
         environment, albedo = self._environment(wish), self.albedos[wish.albedo]

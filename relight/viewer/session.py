@@ -20,12 +20,10 @@ from ..engine.light_mix import LightBeside
 from ..light.environment import turned_about_y
 from ..light.tonemap import auto_exposure
 from ..transfer.settings import BOUNCES, SHADOWS
-from .answers import Answers
 from .bench import Bench
 from .hand_bench import HandBench
 from .history import Timeline
-from .lamp_bench import LampBench
-from .lamp_board import BoardState, LampBoard
+from .lamps import BoardState, LampBench, LampBoard
 from .lighting import LightWish, SessionScene, check_albedos
 from .object_bench import ObjectBench
 from .part_bench import PartBench
@@ -33,7 +31,7 @@ from .quick import harmonic_light, prepare
 from .request import ObjectsUnder, SessionRequest
 from .splats import RelitSplats
 from .state import MODES, State, check_field, choices_of, first_state, methods_of
-from .worker import REST_SECONDS, ProcessWorker
+from .worker import REST_SECONDS, Answers, ProcessWorker
 
 if TYPE_CHECKING:
     from ..insert.inserts import InsertedLight
@@ -294,8 +292,9 @@ class Session:
         """Radiance (V, 3) by spherical harmonics alone at an angle, by default the present one."""
         began = time.perf_counter()
         answers = self.answers
-        shadowed = answers.newest("transfer") if SHADOWS in self.effects else None
-        transfer = (shadowed or answers.newest("unshadowed"))[1]
+        transfer = answers.newest("transfer")[1] if SHADOWS in self.effects else None
+        if transfer is None:
+            transfer = answers.newest("unshadowed")[1]
         assert answers.light is not None  # before the first there is no transfer either
         turned = turned_about_y(answers.light.coefficients, self.state.angle_deg if angle_deg is None else angle_deg)
         bounced = answers.bounced if BOUNCES in self.effects else None

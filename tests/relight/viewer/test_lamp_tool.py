@@ -12,8 +12,8 @@ from viewer_scenes import SIZE, ball_on_plate, bare
 
 from relight.lamps.color import parse_color
 from relight.viewer.controls import CONTROLS, SLIDERS
-from relight.viewer.lamp_board import place_of
 from relight.viewer.lamp_tool import COLORS, OFF_M
+from relight.viewer.lamps import place_of
 from relight.viewer.panel import Panel
 from relight.viewer.window import Window
 

@@ -13,8 +13,7 @@ from viewer_scenes import ball_on_plate
 from relight.engine.light_mix import LightBeside
 from relight.lamps.asked import AskedLamp, Brightness, LampScale
 from relight.lamps.shapes import SphereLamp
-from relight.viewer.lamp_bench import DARK, LampBench
-from relight.viewer.lamp_board import LampBoard
+from relight.viewer.lamps import DARK, LampBench, LampBoard
 from relight.viewer.lighting import SPARE
 from relight.viewer.request import LampSource, SessionRequest
 from relight.viewer.session import Session
