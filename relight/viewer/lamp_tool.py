@@ -17,7 +17,6 @@ from .recording import free_name
 
 if TYPE_CHECKING:
     from .canvas import HotArea
-    from .request import LampSource
 
 OFF_M = 0.3
 """Distance of a new lamp from the surface in metres; half of the free distance if that is less than twice this."""
@@ -172,16 +171,11 @@ class LampTool(Tool):
     # Positions: pixels, the frame of the scene, the frame of the splat
 
     @property
-    def _source(self) -> "LampSource":
-        bench = self._window.session.bench
-        assert bench is not None
-        return bench.source
-
-    @property
     def _metre(self) -> float:
         """In units of the scene."""
+        assert self._window.session.bench is not None
         scale = float(np.cbrt(abs(np.linalg.det(self._motion[:3, :3])))) or 1.0
-        return float(self._source.scale().metre) * scale
+        return float(self._window.session.bench.source.mix.scale.metre) * scale
 
     def _seen_at(self, place: NDArray[np.float64]) -> tuple[float, float] | None:
         """The pixel of a position, from the lower left; None behind the eye."""

@@ -17,12 +17,13 @@ from splat2mesh.scene.color import luminance
 from ..engine.light_mix import LightBeside
 from ..engine.placed import Placed
 from ..lamps.asked import LARGEST_EV, AskedLamp, Brightness, LampScale, resolve
+from ..lamps.color import WHITE
 from ..lamps.fields import changed
 from ..lamps.moving import shifted
 from ..lamps.photometry import axis_intensity
 from ..lamps.placing import asked_lamps
 from ..lamps.saving import write_lamps
-from ..lamps.shapes import MeshLamp, RectangleLamp, TubeLamp
+from ..lamps.shapes import MeshLamp, RectangleLamp, SphereLamp, TubeLamp
 from .bench import Answer, Bench, Check
 from .history import Timeline
 from .lighting import SPARE
@@ -267,8 +268,9 @@ class LampBench(Bench[BoardState, LampsLit]):
 
     def _prepared(self) -> None:
         if not self.ready:
-            self.source.prepare()
-            self.ready = True
+            self.source.mixture(1.0, None)
+            self.source.mix.light_of([AskedLamp(SphereLamp((0.0, 0.0, 0.0), intensity=WHITE))], 1.0).glimpse()
+            self.ready = True  # it is compiled
 
     def _lit(self, state: BoardState, check: Check) -> LampsLit:
         """The light of a state as a relight finds it."""
@@ -276,7 +278,7 @@ class LampBench(Bench[BoardState, LampsLit]):
         check()
         if not state.lamps:
             return LampsLit(self.source.mixture(state.captured, None))
-        tracer = self.source.light_of([lamp.asked for lamp in state.lamps], state.captured)
+        tracer = self.source.mix.light_of([lamp.asked for lamp in state.lamps], state.captured)
         direct = tracer.direct_of(*range(len(state.lamps)), advance=check)
         check()
         beside = self.source.mixture(state.captured, tracer.with_bounces(direct))
@@ -289,7 +291,7 @@ class LampBench(Bench[BoardState, LampsLit]):
     def _changed(self, state: BoardState, known: Answer[BoardState, LampsLit]) -> LampsLit:
         """The light of a state from a known one: what lamps changed since do is replaced, by one ray a vertex."""
         before, beside = known.state, known.result.beside
-        captured, plain = self.source.mixture(before.captured, None), self.source.light_of((), 1.0).without_bounces
+        captured, plain = self.source.mixture(before.captured, None), self.source.mix.light_of((), 1.0).without_bounces
         level = np.float32(captured.level)
         radiance, received = np.zeros_like(captured.radiance), np.zeros_like(captured.received)
         if beside is not None:
@@ -309,5 +311,5 @@ class LampBench(Bench[BoardState, LampsLit]):
         if lamp not in self._glimpses:
             while len(self._glimpses) >= SPARE:
                 self._glimpses.pop(next(iter(self._glimpses)))
-            self._glimpses[lamp] = self.source.light_of([lamp.asked], 1.0).glimpse()
+            self._glimpses[lamp] = self.source.mix.light_of([lamp.asked], 1.0).glimpse()
         return self._glimpses[lamp]

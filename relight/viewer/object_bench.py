@@ -36,7 +36,7 @@ class ObjectBench(Bench[LitPoses, "InsertedLight"]):
     ) -> None:
         super().__init__(lambda: (self.placed, key()), self._exactly, self._quickly)
         self.source, self.timeline, self._under = source, timeline, under
-        self.timeline.begin("objects", tuple(source.asked))
+        self.timeline.begin("objects", tuple(source.inserts.asked))
 
     @property
     def placed(self) -> AskedInserts:
@@ -77,4 +77,4 @@ class ObjectBench(Bench[LitPoses, "InsertedLight"]):
         """Objects that have moved, in the light that they had."""
         if known is None or state[0] == known.state[0]:
             return None
-        return partial(self.source.glimpse, state[0], known.result)
+        return partial(self.source.inserts.moved(state[0]).glimpse, known.result)

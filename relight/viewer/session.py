@@ -68,7 +68,9 @@ class Session:
         self.lamps: LampBoard | None = None
         self.bench: LampBench | None = None
         if source is not None:
-            self.lamps = LampBoard(source.asked, source.captured, self.timeline, source.scale, source.command)
+            mix = source.mix
+            start = mix.asked_lamps, mix.captured_factor
+            self.lamps = LampBoard(*start, self.timeline, lambda: mix.scale, source.command)
             self.bench = LampBench(source, self.lamps, asked.mixture)
         objects, key = asked.object_source, self._key_of_objects
         self.objects = None if objects is None else ObjectBench(objects, self.timeline, key, self._light_on)

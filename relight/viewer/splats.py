@@ -205,7 +205,7 @@ def _mirrored(session: Any, wanted: SplatsUnder, glossy: bool) -> Callable[[NDAr
         alone = NewLight(shining, wanted.radiance, received, wanted.exposure)
         if mixture is None:
             return alone
-        traced = bench.source.light_of(lamps, mixture.captured) if bench is not None and lamps else None
+        traced = bench.source.mix.light_of(lamps, mixture.captured) if bench is not None and lamps else None
         return beside(alone, mixture, traced)
 
     return mirrored

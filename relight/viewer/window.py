@@ -15,6 +15,7 @@ from vtkmodules.vtkInteractionStyle import vtkInteractorStyleUser
 from splat2mesh.base.errors import InputError
 
 from ..output.images import write_png
+from ..output.inserted_picture import PictureAsked, with_objects
 from ..output.kinds import PICTURE_SIZE
 from ..output.preview import default_camera
 from .camera import Orbit
@@ -294,11 +295,11 @@ class Window(View):
         back = stage.behind(orbit, size, angle)
         if wait:
             splats.wait()
-        shown, inserted, objects = splats.colored(), session.inserted, session.objects
-        if inserted is not None and objects is not None:
+        shown, inserted = splats.colored(), session.inserted
+        if inserted is not None:
             draw = stage.splats.exact  # objects are other splats in each picture
             view, samples = stage.splats.scene_view(orbit, size), RESTING_OBJECT_SAMPLES if rests else 1
-            shown = objects.source.drawn(shown, inserted, session.exposure(), view, samples)
+            shown = with_objects(shown, inserted, PictureAsked(session.scene, view, session.exposure(), samples))
         picture = draw(shown, orbit, size).over(back)
         if session.state.split:
             before = draw(splats.source.captured, orbit, size).over(back)
