@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from splat2mesh.base.kernels import kernel
 from splat2mesh.base.threads import read_only, shared
 from splat2mesh.render.raycaster import RayCaster
+from splat2mesh.scene.color import bytes_from_unit, linear_from_srgb, srgb_from_linear
 
 from ..output.catcher import GroundLight
 from .camera import Orbit
-from .ground import shade_ground
 
 
 class Raster:
@@ -65,7 +65,7 @@ class Raster:
         arrays = self._faces, self._face, self._weights, colors, before, np.float32(width * split)
         _paint(height, *arrays, places, image, shift, ramp, out)
         if ground is not None and self._seen is not None:
-            shade_ground(out, self._face, self._ways, self._seen[0].eye, ground)
+            _shade_ground(out, self._face, self._ways, self._seen[0].eye, ground)
         return out
 
     def _places(self) -> NDArray:
@@ -130,3 +130,16 @@ def _paint(
             else:
                 for channel in range(3):
                     out[y, x, channel] = np.uint8(ramp[y, channel] + half)
+
+
+def _shade_ground(picture: NDArray[np.uint8], face: NDArray, ways: NDArray, eye: NDArray, ground: GroundLight) -> None:
+    """Darken the ground in a picture (H, W, 3) uint8 sRGB of the sky, in place, where nothing stands before it.
+
+    face: (H, W), negative where nothing stands. ways: (H, W, 3) float32, through the pixels, of any length from 1. eye:
+    (3,) scene frame.
+    """
+    free, pixels = np.flatnonzero(face < 0), picture.reshape(-1, 3)
+    share = ground.share_seen(eye, ways.reshape(-1, 3)[free])
+    dark = (share < 1.0).any(axis=1)
+    light = linear_from_srgb(pixels[free[dark]].astype(np.float32) / np.float32(255.0)) * share[dark]
+    pixels[free[dark]] = bytes_from_unit(srgb_from_linear(light))

@@ -3,15 +3,20 @@
 Our own rays find the visible face of each pixel, with and without a graphics card.
 """
 
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from splat2mesh.render.raycaster import RayCaster
 from splat2mesh.scene.drawn import Drawn
 from splat2mesh.scene.scene import Scene
 
-from ..output.catcher import GroundLight
+from ..light.environment import Environment
+from ..light.pooling import pooled
+from ..output.catcher import SIDE as PICTURE_SIDE
+from ..output.catcher import Catcher, GroundLight
 from ..output.sheet import PAPER, SHADE
 from .camera import Orbit
 from .quick import display_bytes
@@ -20,12 +25,19 @@ from .splat_painter import SplatPainter
 
 if TYPE_CHECKING:
     from ..insert.inserts import InsertedLight
+    from .lighting import SessionLight
 
 BACKDROP = np.array([PAPER, SHADE], np.float32)
 """Background of the scene without its sky, bottom and top: sRGB bytes."""
 
 SMOOTH = 2
 """Samples along the side of a pixel at rest: smooth edges."""
+
+SIDE = PICTURE_SIDE // 2
+"""Points of the ground along a side of its square: half of those of pictures."""
+
+_GRID = SIDE // 2, SIDE
+"""Rows and columns of a sky that casts shadows: its texels are narrower than a shadow's directions are apart."""
 
 
 class Stage:
@@ -106,3 +118,41 @@ class Stage:
         """Sky, backdrop and ground of a picture."""
         sky = None if angle_deg is None or self._sky is None else (self._sky, angle_deg)
         return sky, BACKDROP, None if sky is None else self.ground
+
+
+class StandingGround:
+    """The ground under a scene that is an object: its shadow, as in `preview.png` but on a coarser grid.
+
+    A thread finds once what the object hides. The shadow follows when the light rests, as suns do, and stays while the
+    camera moves.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self._thread = ThreadPoolExecutor(1, thread_name_prefix="ground")
+        caster = RayCaster(scene.vertices, scene.faces)
+        self._catcher: Future[Catcher] = self._thread.submit(Catcher, scene, caster, SIDE)
+        self._shown: tuple[SessionLight, float, GroundLight] | None = None
+
+    @property
+    def ready(self) -> bool:
+        """Whether it is known what the object hides."""
+        return self._catcher.done() and self._catcher.exception() is None
+
+    def under(self, light: "SessionLight", angle_deg: float, rests: bool = True) -> GroundLight | None:
+        """The ground in a light at an angle; None before it is ready, and in a light that is new and does not rest."""
+        if self._shown is not None and self._shown[0] is light and self._shown[1] == angle_deg:
+            return self._shown[2]
+        if not (rests and self.ready):
+            return None
+        small = Environment(pooled(light.sky, _GRID).astype(np.float32), "")
+        ground = self._catcher.result().under(small.rotated(angle_deg))
+        self._shown = light, angle_deg, ground
+        return ground
+
+    def wait(self) -> None:
+        """Wait until it is ready."""
+        self._catcher.exception()
+
+    def close(self) -> None:
+        """End the thread."""
+        self._thread.shutdown(wait=False, cancel_futures=True)

@@ -20,7 +20,6 @@ from ..output.kinds import PICTURE_SIZE
 from ..output.preview import default_camera
 from .camera import Orbit
 from .controls import CONTROLS
-from .ground import StandingGround
 from .modes import surface_colors
 from .mouse import Mouse
 from .panel import Panel, bars_of
@@ -29,7 +28,7 @@ from .recording import Recording, free_name
 from .request import Turntable
 from .session import Session
 from .splat_painter import coarser, joined
-from .stage import Stage
+from .stage import Stage, StandingGround
 from .worker import REST_SECONDS
 
 SIZE = PICTURE_SIZE

@@ -11,8 +11,8 @@ from viewer_scenes import SIZE, ball_on_plate, bare, session_of
 
 from relight.light.environment import Environment
 from relight.output.catcher import Catcher
-from relight.viewer.ground import SIDE, StandingGround
 from relight.viewer.lighting import SessionLight
+from relight.viewer.stage import SIDE, StandingGround
 from relight.viewer.window import Window
 from splat2mesh.render.raycaster import RayCaster
 
