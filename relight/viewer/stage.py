@@ -4,10 +4,11 @@ Our own rays find the visible face of each pixel, with and without a graphics ca
 """
 
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from splat2mesh.render.raycaster import RayCaster
 from splat2mesh.scene.drawn import Drawn
@@ -17,21 +18,25 @@ from ..light.environment import Environment
 from ..light.pooling import pooled
 from ..output.catcher import SIDE as PICTURE_SIDE
 from ..output.catcher import Catcher, GroundLight
+from ..output.inserted_picture import PictureAsked, with_objects
 from ..output.sheet import PAPER, SHADE
 from .camera import Orbit
+from .modes import surface_colors
 from .quick import display_bytes
 from .raster import Raster
-from .splat_painter import SplatPainter
+from .splat_painter import SplatPainter, coarser, joined
 
 if TYPE_CHECKING:
-    from ..insert.inserts import InsertedLight
     from .lighting import SessionLight
+    from .session import Session
 
 BACKDROP = np.array([PAPER, SHADE], np.float32)
 """Background of the scene without its sky, bottom and top: sRGB bytes."""
 
 SMOOTH = 2
 """Samples along the side of a pixel at rest: smooth edges."""
+
+RESTING_OBJECT_SAMPLES = 2  # along the side of a pixel
 
 SIDE = PICTURE_SIDE // 2
 """Points of the ground along a side of its square: half of those of pictures."""
@@ -41,83 +46,93 @@ _GRID = SIDE // 2, SIDE
 
 
 class Stage:
-    """Surface and sky as pictures, (H, W, 3) uint8, top row first.
-
-    ground: the light on the ground below an object, which shows before the sky; None without.
-    """
+    """A scene as pictures, (H, W, 3) uint8, top row first. ground: that below an object; None in a place."""
 
     def __init__(self, scene: Scene) -> None:
-        self._drawn = Drawn(scene)
-        self._captured: NDArray[np.uint8] = self._drawn.scene.colors_srgb
-        self._shown: NDArray[np.generic] = self._captured
-        self._objects: tuple[InsertedLight, float, NDArray[np.uint8]] | None = None
-        self._sky: NDArray[np.uint8] | None = None
-        self.ground: GroundLight | None = None
+        self._drawn, self._splats = Drawn(scene), SplatPainter(scene)
         self._raster: Raster | None = None
+        self._standing: Any = None  # the objects in it
         self._behind = Raster(np.zeros((0, 3)), np.zeros((0, 3)))
-        self.splats = SplatPainter(scene)
+        self._seen: tuple[Orbit, tuple[int, int]] | None = None
+        self.ground = None if scene.is_place else StandingGround(scene)
 
-    def color(self, colors: NDArray) -> None:
-        """Show the surface in these sRGB bytes, (V, 3) uint8; cards of leaves take those of the hull around them."""
-        self._shown = self._drawn.values(colors)
-
-    def show_objects(self, inserted: "InsertedLight | None", exposure: float | None) -> None:
-        """Show objects beside the surface, at an exposure; None for none."""
-        if inserted is None or exposure is None:
-            return
-        known = self._objects
-        if known is not None and known[0] is inserted and known[1] == exposure:
-            return
-        if known is None or known[0].standing is not inserted.standing:
-            self._raster = None  # of other triangles
-        self._objects = inserted, exposure, display_bytes(inserted.radiance, exposure)
-
-    def paint_sky(self, sky: NDArray, exposure: float) -> None:
-        """Take the sky, (H, W, 3) linear in canonical lat-long, unrotated."""
-        self._sky = display_bytes(np.ascontiguousarray(sky).reshape(-1, 3), exposure).reshape(sky.shape)
-
-    def drawn(
-        self,
-        orbit: Orbit,
-        size: tuple[int, int],
-        split: float | None = None,
-        angle_deg: float | None = None,
-        smooth: bool = False,
+    def picture(
+        self, session: "Session", orbit: Orbit, size: tuple[int, int], rests: bool, wait: bool = False
     ) -> NDArray[np.uint8]:
-        """The picture of surface, objects and sky.
+        """The scene of a session: smooth at rest, coarse while the camera moves. wait: for splats to be fitted."""
+        seen, self._seen = self._seen, (orbit, size)
+        moves = not rests and seen != self._seen
+        drawn_size = coarser(size) if moves else size
+        if session.shows_splats:
+            picture = self._of_splats(session, orbit, drawn_size, rests, moves, wait)
+        else:
+            picture = self.drawn(session, orbit, drawn_size, rests)
+        return np.asarray(Image.fromarray(picture).resize(size, Image.Resampling.BILINEAR)) if moves else picture
 
-        split: place of the split line, left of which the surface is as captured, or None. angle_deg: of the sky; None
-        for the plain backdrop. smooth: with smooth edges, in four times the time.
-        """
-        if smooth:
-            width, height = size
-            fine = self.drawn(orbit, (SMOOTH * width, SMOOTH * height), split, angle_deg)
-            sums = fine.reshape(height, SMOOTH, width, SMOOTH, 3).sum(axis=(1, 3), dtype=np.uint16)
-            return ((sums + SMOOTH**2 // 2) // SMOOTH**2).astype(np.uint8)
-        scene, objects = self._drawn.scene, self._objects
-        vertices, faces, shown, before = scene.vertices, scene.faces, self._shown, self._captured
-        if objects is not None:
-            standing = objects[0].standing
-            vertices = np.concatenate([vertices, standing.vertices])
-            faces = np.concatenate([faces, standing.faces + len(scene.vertices)])
-            shown, before = np.concatenate([shown, objects[2]]), np.concatenate([before, objects[2]])
-        if self._raster is None:
+    def drawn(self, session: "Session", orbit: Orbit, size: tuple[int, int], rests: bool) -> NDArray[np.uint8]:
+        """The picture of surface, objects and sky. rests: with smooth edges, in four times the time."""
+        colors, captured, inserted = surface_colors(session), self._drawn.scene.colors_srgb, session.inserted
+        shown = self._drawn.values(colors)
+        if inserted is not None:
+            added = _displayed(session, "objects", inserted.radiance, session.exposure())
+            shown, captured = np.concatenate([shown, added]), np.concatenate([captured, added])
+        standing = None if inserted is None else inserted.standing
+        if self._raster is None or self._standing is not standing:
+            self._standing, (vertices, faces) = standing, (self._drawn.scene.vertices, self._drawn.scene.faces)
+            if standing is not None:
+                faces = np.concatenate([faces, standing.faces + len(vertices)])
+                vertices = np.concatenate([vertices, standing.vertices])
             self._raster = Raster(vertices, faces)
-        self._raster.look(orbit, size)
-        captured = None if split is None else (before, split)
-        return self._raster.paint(shown, captured, *self._back(angle_deg))
+        width, height = size
+        across = SMOOTH if rests else 1
+        self._raster.look(orbit, (across * width, across * height))
+        before = (captured, session.state.split_at) if session.state.split else None
+        fine = self._raster.paint(shown, before, *self._back(session, rests))
+        sums = fine.reshape(height, across, width, across, 3).sum(axis=(1, 3), dtype=np.uint16)
+        return ((sums + across**2 // 2) // across**2).astype(np.uint8) if rests else fine
 
-    def behind(self, orbit: Orbit, size: tuple[int, int], angle_deg: float | None = None) -> NDArray[np.uint8]:
-        """The background of the scene: the sky at an angle, or without."""
+    def _of_splats(
+        self, session: "Session", orbit: Orbit, size: tuple[int, int], rests: bool, moves: bool, wait: bool
+    ) -> NDArray[np.uint8]:
+        """The picture of the splats before the sky: exact at rest."""
+        splats, inserted = session.splats, session.inserted
+        assert splats is not None
+        draw = self._splats.exact if rests or moves else self._splats.again
         self._behind.look(orbit, size)
-        return self._behind.paint(np.zeros((0, 3), np.uint8), None, *self._back(angle_deg))
+        back = self._behind.paint(np.zeros((0, 3), np.uint8), None, *self._back(session, rests))
+        if wait:
+            splats.wait()
+        shown = splats.colored()
+        if inserted is not None:
+            draw = self._splats.exact  # objects are other splats in each picture
+            view, samples = self._splats.scene_view(orbit, size), RESTING_OBJECT_SAMPLES if rests else 1
+            shown = with_objects(shown, inserted, PictureAsked(session.scene, view, session.exposure(), samples))
+        picture = draw(shown, orbit, size).over(back)
+        if session.state.split:
+            before = draw(splats.source.captured, orbit, size).over(back)
+            picture = joined(before, picture, session.state.split_at)
+        return picture
 
     def _back(
-        self, angle_deg: float | None
+        self, session: "Session", rests: bool
     ) -> tuple[tuple[NDArray[np.uint8], float] | None, NDArray[np.float32], GroundLight | None]:
         """Sky, backdrop and ground of a picture."""
-        sky = None if angle_deg is None or self._sky is None else (self._sky, angle_deg)
-        return sky, BACKDROP, None if sky is None else self.ground
+        light, state = session.answers.light, session.state
+        if light is None or not state.sky or state.mode != "relit":
+            return None, BACKDROP, None
+        sky = _displayed(session, "sky", light.sky, session.sky_exposure())
+        ground = None if self.ground is None else self.ground.under(light, state.angle_deg, rests)
+        return (sky, state.angle_deg), BACKDROP, ground
+
+
+def _displayed(session: "Session", name: str, radiance: NDArray, exposure: float) -> NDArray[np.uint8]:
+    """The bytes of radiance (..., 3) at an exposure, kept until one of them changes."""
+
+    def compute() -> NDArray[np.uint8]:
+        return display_bytes(np.ascontiguousarray(radiance).reshape(-1, 3), exposure).reshape(radiance.shape)
+
+    found: NDArray[np.uint8] = session.remembered(name, exposure, compute, radiance)
+    return found
 
 
 class StandingGround:

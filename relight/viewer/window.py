@@ -9,32 +9,27 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 from vtkmodules.vtkInteractionStyle import vtkInteractorStyleUser
 
 from splat2mesh.base.errors import InputError
 
 from ..output.images import write_png
-from ..output.inserted_picture import PictureAsked, with_objects
 from ..output.kinds import PICTURE_SIZE
 from ..output.preview import default_camera
 from .camera import Orbit
 from .controls import CONTROLS
-from .modes import surface_colors
 from .mouse import Mouse
 from .panel import Panel, bars_of
 from .pointing import View
 from .recording import Recording, free_name
 from .request import Turntable
 from .session import Session
-from .splat_painter import coarser, joined
-from .stage import Stage, StandingGround
+from .stage import Stage
 from .worker import REST_SECONDS
 
 SIZE = PICTURE_SIZE
 TURN_SECONDS = 10.0  # of a light that turns by itself, once around
 IDLE_SECONDS = 0.005  # between two polls of mouse and worker
-RESTING_OBJECT_SAMPLES = 2  # along the side of a pixel
 
 _NO_DISPLAY = "no display: save a picture by `screenshot`, or start it in a notebook"
 
@@ -54,7 +49,6 @@ class Window(View):
         self._texture = pyvista.Texture
         self._stage, self.note = Stage(session.scene), ""
         self.panel = Panel()
-        self._ground = None if session.scene.is_place else StandingGround(session.scene)
         camera = session.scene.preview_camera or default_camera(session.scene, size[0] / size[1])
         orbit = Orbit.of(camera, session.scene.vertices, session.scene.diagonal)
         bars = bars_of(size) if session.state.panel else (0.0, 0.0)
@@ -65,8 +59,6 @@ class Window(View):
         self.mouse: Mouse = Mouse(self)
         self._drawn: tuple | None = None
         self._picture: NDArray[np.uint8] = np.zeros((1, 1, 3), np.uint8)  # without the panel
-        self._sky: tuple[int, float] | None = None
-        self._seen_from: tuple[Orbit, tuple[int, int]] | None = None
         self.loop: Any = None  # of a notebook
         self._moved = self._panelled = self._ticked = -np.inf
         style = vtkInteractorStyleUser()
@@ -142,7 +134,7 @@ class Window(View):
             self.session, self._coming = self._coming, None
             self.session.follow(old)
             old.close()
-            self._drawn = self._sky = None
+            self._drawn = None
             self.note = "relit under the captured light that you kept"
 
     def _drop_coming(self) -> None:
@@ -153,14 +145,14 @@ class Window(View):
     @property
     def _shown(self) -> tuple:
         """What the picture depends on."""
-        ground = self._ground is not None and self._ground.ready
+        ground = self._stage.ground is not None and self._stage.ground.ready
         return self.session.revision, self.orbit, self.size, self.note, ground
 
     def finish(self, timeout: float = 600.0) -> None:
         """Wait until the picture is complete, and draw it with smooth edges."""
         self.session.finish(timeout)
-        if self._ground is not None:
-            self._ground.wait()
+        if self._stage.ground is not None:
+            self._stage.ground.wait()
         self._draw_now()
 
     def picture(self, panel: bool = True) -> NDArray:
@@ -229,8 +221,8 @@ class Window(View):
             self._recording.stop("the window was closed")
         self.mouse.lamps.leave()
         self._drop_coming()
-        if self._ground is not None:
-            self._ground.close()
+        if self._stage.ground is not None:
+            self._stage.ground.close()
         self.session.close()
         self.plotter.close()
 
@@ -252,58 +244,9 @@ class Window(View):
         return self.panel.draw(self.session, self.size, self.note, self.mouse.lamps.marks(), bare)
 
     def _draw_scene(self, rests: bool, wait: bool = False) -> None:
-        """Draw the scene: smooth at rest, coarse while the camera moves. wait: for splats to be bound and fitted."""
-        session, size = self.session, self.size
-        still, self._seen_from = (self.orbit, size) == self._seen_from, (self.orbit, size)
+        """Draw the scene, as `Stage.picture`."""
         self._drawn, self._resting = self._shown, rests
-        angle = session.state.angle_deg if self._colored(rests) else None
-        moves = not (rests or still)
-        size = coarser(size) if moves else size
-        if session.shows_splats:
-            picture = self._splats_drawn(size, rests, moves, angle, wait)
-        else:
-            split = session.state.split_at if session.state.split else None
-            picture = self._stage.drawn(self.orbit, size, split, angle, smooth=rests)
-        if moves:
-            picture = np.asarray(Image.fromarray(picture).resize(self.size, Image.Resampling.BILINEAR))
-        self._picture = picture
-
-    def _colored(self, rests: bool) -> bool:
-        """Give surface, objects, sky and ground their colours; return whether the sky shows."""
-        session, stage = self.session, self._stage
-        stage.color(surface_colors(session))
-        inserted = session.inserted
-        stage.show_objects(inserted, None if inserted is None else session.exposure())
-        if session.answers.light is None or not session.state.sky or session.state.mode != "relit":
-            return False
-        painted = id(session.answers.light), session.sky_exposure()
-        if painted != self._sky:
-            self._sky = painted
-            stage.paint_sky(session.answers.light.sky, session.sky_exposure())
-        if self._ground is not None:
-            stage.ground = self._ground.under(session.answers.light, session.state.angle_deg, rests)
-        return True
-
-    def _splats_drawn(
-        self, size: tuple[int, int], rests: bool, moves: bool, angle: float | None, wait: bool
-    ) -> NDArray[np.uint8]:
-        """The picture of the splats before the sky at an angle: exact at rest."""
-        session, stage, orbit, splats = self.session, self._stage, self.orbit, self.session.splats
-        assert splats is not None
-        draw = stage.splats.exact if rests or moves else stage.splats.again
-        back = stage.behind(orbit, size, angle)
-        if wait:
-            splats.wait()
-        shown, inserted = splats.colored(), session.inserted
-        if inserted is not None:
-            draw = stage.splats.exact  # objects are other splats in each picture
-            view, samples = stage.splats.scene_view(orbit, size), RESTING_OBJECT_SAMPLES if rests else 1
-            shown = with_objects(shown, inserted, PictureAsked(session.scene, view, session.exposure(), samples))
-        picture = draw(shown, orbit, size).over(back)
-        if session.state.split:
-            before = draw(splats.source.captured, orbit, size).over(back)
-            picture = joined(before, picture, session.state.split_at)
-        return picture
+        self._picture = self._stage.picture(self.session, self.orbit, self.size, rests, wait)
 
 
 def load_pyvista(off_screen: bool) -> Any:

@@ -68,10 +68,9 @@ def test_the_shadow_follows_when_the_light_rests(scene):
 def test_the_ground_darkens_under_the_object_and_nothing_else_does(window):
     window.session.change(sky=True)
     shaded = bare(window).astype(int)
-    ground, window._ground = window._ground, None
-    window._stage.ground = None
+    ground, window._stage.ground = window._stage.ground, None
     plain = bare(window).astype(int)
-    window._ground = ground
+    window._stage.ground = ground
     darker = plain - shaded
     assert darker.min() >= -1 and (darker.max(axis=2) > 8).mean() > 0.02  # a byte of rounding
     seen = window._stage._raster._face
@@ -86,5 +85,5 @@ def test_a_place_has_its_own_ground(scene):
     place = replace(scene, capture={"from": "inside", "eyes": [[0.0, 0.0, 0.0]]})
     assert place.is_place
     window = Window(session_of(place), SIZE, off_screen=True)
-    assert window._ground is None
+    assert window._stage.ground is None
     window.close()

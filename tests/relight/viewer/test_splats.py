@@ -154,8 +154,8 @@ def test_while_the_camera_moves_the_picture_is_the_same_but_coarse(scene, source
     window.finish()
     window.look(window.orbit.dragged(0.05, 0.0))
     seen = []
-    draw = window._splats_drawn
-    window._splats_drawn = lambda *asked: seen.append(draw(*asked)) or seen[-1]
+    draw = window._stage._of_splats
+    window._stage._of_splats = lambda *asked: seen.append(draw(*asked)) or seen[-1]
     window.tick()  # by a clock that stands still
     assert seen[-1].shape[:2] == coarser(SIZE)[::-1]
     moving = np.repeat(np.repeat(seen[-1].astype(int), 2, axis=0), 2, axis=1)
