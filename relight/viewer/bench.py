@@ -7,7 +7,7 @@ that rests, and stops once another is wanted.
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from .lighting import SPARE
 from .worker import Superseded, in_words
@@ -55,6 +55,29 @@ class Bench(Generic[Asked, Found]):
         self._newest = first
         self._tried: Asked | None = None  # what was answered quickly last
         self._failed: tuple[Asked, str] | None = None
+        self._prepared: Future[Any] | None = None
+
+    def prepare(self) -> None:
+        """Start the long work that comes before answers, in the thread of exact ones."""
+        self._prepared = self._prepared or self.submit(self._prepare)
+
+    def _prepare(self) -> Any:
+        """That work; what it returns is `made`."""
+
+    @property
+    def waiting(self) -> bool:
+        """Whether that work is not done."""
+        return self._prepared is None or not self._prepared.done()
+
+    @property
+    def ready(self) -> bool:
+        """Whether that work has succeeded."""
+        return self._prepared is not None and not self.waiting and self._prepared.exception() is None
+
+    @property
+    def made(self) -> Any:
+        """What that work has made; None before it is ready."""
+        return self._prepared.result() if self._prepared is not None and self.ready else None
 
     @property
     def shown(self) -> Answer[Asked, Found] | None:
@@ -71,6 +94,9 @@ class Bench(Generic[Asked, Found]):
     @property
     def failure(self) -> str:
         """Why what is wanted cannot be answered, or ""."""
+        broken = None if self._prepared is None or self.waiting else self._prepared.exception()
+        if broken is not None:
+            return in_words(broken)
         return self._failed[1] if self._failed is not None and self._failed[0] == self._wanted() else ""
 
     def submit(self, work: Callable[[], Made]) -> "Future[Made]":

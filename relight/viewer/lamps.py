@@ -243,12 +243,11 @@ class LampsLit(NamedTuple):
 
 
 class LampBench(Bench[BoardState, LampsLit]):
-    """The light of a LampBoard on a LampSource. ready: whether changes show at once."""
+    """The light of a LampBoard on a LampSource. Changes show at once when it is ready."""
 
     def __init__(self, source: LampSource, board: LampBoard, first: LightBeside | None) -> None:
-        exact = partial(partial, self._lit)
-        super().__init__(lambda: board.state, exact, self._quickly, Answer(board.start, LampsLit(first)))
-        self.source, self.ready = source, False
+        super().__init__(lambda: board.state, self._exactly, self._quickly, Answer(board.start, LampsLit(first)))
+        self.source = source
         self._glimpses: dict[BoardLamp, NDArray[np.float32]] = {}
 
     @property
@@ -257,24 +256,21 @@ class LampBench(Bench[BoardState, LampsLit]):
         shown = self.shown
         return self.failure or (shown.result.message if shown is not None and self.settled else "")
 
-    def prepare(self) -> None:
-        """Start the long work, in the thread."""
-        self.submit(self._prepared)
-
     def mixture(self) -> LightBeside | None:
         """The light now shown beside the environment; None for none."""
         shown = self.shown
         return None if shown is None else shown.result.beside
 
-    def _prepared(self) -> None:
-        if not self.ready:
-            self.source.mixture(1.0, None)
-            self.source.mix.light_of([AskedLamp(SphereLamp((0.0, 0.0, 0.0), intensity=WHITE))], 1.0).glimpse()
-            self.ready = True  # it is compiled
+    def _prepare(self) -> None:
+        self.source.mixture(1.0, None)
+        self.source.mix.light_of([AskedLamp(SphereLamp((0.0, 0.0, 0.0), intensity=WHITE))], 1.0).glimpse()  # compiled
+
+    def _exactly(self, state: BoardState, check: Check) -> Callable[[], LampsLit]:
+        self.prepare()
+        return partial(self._lit, state, check)
 
     def _lit(self, state: BoardState, check: Check) -> LampsLit:
         """The light of a state as a relight finds it."""
-        self._prepared()
         check()
         if not state.lamps:
             return LampsLit(self.source.mixture(state.captured, None))

@@ -21,7 +21,6 @@ from ..output.relit_splats import BoundSplats, SplatLight, relit
 from ..splats.binding import ROUNDS
 from ..splats.sky import FarSplats
 from .bench import Answer, Bench, Check
-from .worker import in_words
 
 if TYPE_CHECKING:
     from ..insert.inserts import InsertedLight
@@ -101,42 +100,36 @@ class RelitSplats(Bench[SplatsUnder | None, Splats]):
     def __init__(self, source: SplatSource, session: Any) -> None:
         super().__init__(self._wanted_now, self._exactly, self._quickly)
         self.source, self._session = source, session
-        self._bound = self.submit(lambda: (source.binding(), source.far(source.captured)))
+        self.prepare()
         self._plain: tuple[SplatsUnder, Splats] | None = None  # without the effect of objects
 
-    @property
-    def waiting(self) -> bool:
-        """Whether they are still being bound."""
-        return not self._bound.done()
+    def _prepare(self) -> "tuple[Binding, FarSplats]":
+        return self.source.binding(), self.source.far(self.source.captured)
 
     @property
     def message(self) -> str:
         """Why they cannot be relit, or ""."""
-        broken = in_words(error) if (error := self._binding_error) else self.failure
-        return broken and f"the splats stay as captured: {broken}"
-
-    @property
-    def _binding_error(self) -> BaseException | None:
-        return None if self.waiting else self._bound.exception()
+        return self.failure and f"the splats stay as captured: {self.failure}"
 
     def colored(self) -> Splats:
         """The Splats in the newest light, in order, in their own frame: captured ones before."""
-        shown = None if self.message else self.shown
+        shown = None if self.failure else self.shown
         return self.source.captured if shown is None else shown.result
 
     def wait(self) -> None:
         """Wait until they are bound and fitted, where they can be."""
-        self._bound.exception()
-        while self._session.objects_settled and not (self.settled or self.message or self._wanted_now() is None):
+        assert self._prepared is not None
+        self._prepared.exception()
+        while self._session.objects_settled and not (self.settled or self.failure or self._wanted_now() is None):
             self.poll(True)
             time.sleep(0.001)
 
     def _wanted_now(self) -> SplatsUnder | None:
         session, state = self._session, self._session.state
         radiance = session.environment_radiance()
-        if radiance is None or self.waiting or self._binding_error or state.albedo not in self.source.looks:
+        if radiance is None or not self.ready or state.albedo not in self.source.looks:
             return None
-        _, far = self._bound.result()
+        _, far = self.made
         sky = (session.answers.light_name, state.angle_deg, state.sky) if len(far.rows) else None
         return SplatsUnder(radiance, session.mixture, session.inserted, session.exposure(), state.albedo, sky)
 
@@ -149,7 +142,7 @@ class RelitSplats(Bench[SplatsUnder | None, Splats]):
         """Without the fit in views, and with objects at the vertices, without edges."""
         if wanted is None:
             return None
-        relight, (binding, _far) = self._relighting(wanted), self._bound.result()
+        relight, (binding, _far) = self._relighting(wanted), self.made
 
         def quickly() -> Splats:
             if self._plain is None or self._plain[0].plain != wanted.plain:
@@ -162,7 +155,7 @@ class RelitSplats(Bench[SplatsUnder | None, Splats]):
     def _relighting(self, wanted: SplatsUnder) -> Callable[..., Splats]:
         """The function that relights the splats as they are wanted now: all, or with 0 rounds what is quick."""
         session, mixture = self._session, wanted.mixture
-        (binding, far), look = self._bound.result(), self.source.looks[wanted.albedo]
+        (binding, far), look = self.made, self.source.looks[wanted.albedo]
         light, state = session.answers.light, session.state
         mirrored = _mirrored(session, wanted, look.gloss is not None)
         own_sky = mixture is not None and mixture.keeps_sky

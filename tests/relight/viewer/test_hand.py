@@ -221,7 +221,7 @@ def test_a_session_without_an_estimate_has_no_such_view(folder):
     session = Session(session_of(Job(RelightRequest(str(folder), "noon", albedo="captured", caching="none"))),
                       InlineWorker, Clock())  # fmt: skip
     assert session.hand is None
-    session.hand.change(warmth=1.0)
+    session.reset()
     session.close()
 
 

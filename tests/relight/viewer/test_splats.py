@@ -174,7 +174,7 @@ def test_until_they_are_bound_the_captured_splats_show_and_the_panel_says_so(sce
     assert window.session.splats.colored() is source.captured
     revision = window.session.revision
     ready.set()
-    window.session.splats._bound.result()
+    window.session.splats._prepared.result()
     while window.session.revision == revision:  # what is quick comes in
         window.session.poll()
     window.finish()
