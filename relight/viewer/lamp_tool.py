@@ -179,12 +179,9 @@ class LampTool(Tool):
 
     def _seen_at(self, place: NDArray[np.float64]) -> tuple[float, float] | None:
         """The pixel of a position, from the lower left; None behind the eye."""
-        orbit, (width, height) = self._window.orbit, self._window.size
-        right, up, backward = orbit.axes @ (place - orbit.eye)
-        if backward >= 0.0:
-            return None
-        focal = orbit.focal(self._window.size)
-        return width / 2 - focal * right / backward, height / 2 - focal * up / backward
+        size = self._window.size
+        ((x, y),), (depth,) = self._window.orbit.view(size).project(place[None])
+        return (float(x), size[1] - float(y)) if depth > 0.0 else None
 
     def _free(self, place: NDArray[np.float64], normal: NDArray[np.float64]) -> float:
         """Distance from a surface along its normal to the next surface."""

@@ -3,7 +3,7 @@
 import os
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -248,7 +248,7 @@ class LampBench(Bench[BoardState, LampsLit]):
     def __init__(self, source: LampSource, board: LampBoard, first: LightBeside | None) -> None:
         super().__init__(lambda: board.state, self._exactly, self._quickly, Answer(board.start, LampsLit(first)))
         self.source = source
-        self._glimpses: dict[BoardLamp, NDArray[np.float32]] = {}
+        self._glimpse = lru_cache(SPARE)(self._traced)
 
     @property
     def message(self) -> str:
@@ -302,10 +302,6 @@ class LampBench(Bench[BoardState, LampsLit]):
         lamps = Placed(radiance, received, received, []) if state.lamps else None
         return LampsLit(self.source.mixture(state.captured, lamps))
 
-    def _glimpse(self, lamp: BoardLamp) -> NDArray[np.float32]:
+    def _traced(self, lamp: BoardLamp) -> NDArray[np.float32]:
         """The direct light of a lamp with hard shadows, (V, 3)."""
-        if lamp not in self._glimpses:
-            while len(self._glimpses) >= SPARE:
-                self._glimpses.pop(next(iter(self._glimpses)))
-            self._glimpses[lamp] = self.source.mix.light_of([lamp.asked], 1.0).glimpse()
-        return self._glimpses[lamp]
+        return self.source.mix.light_of([lamp.asked], 1.0).glimpse()

@@ -9,6 +9,7 @@ import time
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -132,7 +133,7 @@ class SessionLighting:
         self.scene, self.stages = scene, stages
         self.step: tuple[str, Any] | None = None
         self._options = options
-        self._relighters: dict[tuple[str, float], Relighter] = {}
+        self._relighter_of = lru_cache(SPARE)(self._new_relighter)
         self._relighter = Relighter(scene, self._options, stages=stages, cache=cache)
         self._foliage = self._relighter.precomputed.foliage
         self._loaded: tuple[str, Environment] | None = None
@@ -238,15 +239,12 @@ class SessionLighting:
 
         All relighters share their traced results.
         """
-        way = wish.method, wish.tolerance
-        if way not in self._relighters:
-            while len(self._relighters) >= SPARE:
-                self._relighters.pop(next(iter(self._relighters)))
-            options = replace(self._options, method=wish.method, tolerance=wish.tolerance)
-            shared = self._relighter.precomputed
-            self._relighters[way] = Relighter(self.scene, options, stages=self.stages, precomputed=shared)
-        relighter = self._relighters[way]
+        relighter: Relighter = self._relighter_of(wish.method, wish.tolerance)
         return relighter, relighter.plan_for(self._environment(wish), self.albedos[wish.albedo])
+
+    def _new_relighter(self, method: str, tolerance: float) -> Relighter:
+        options = replace(self._options, method=method, tolerance=tolerance)
+        return Relighter(self.scene, options, stages=self.stages, precomputed=self._relighter.precomputed)
 
     def _environment(self, wish: LightWish) -> Environment:
         """The rotated Environment of a wish. The last one stays loaded."""

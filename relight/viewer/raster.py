@@ -36,8 +36,7 @@ class Raster:
         if (orbit, size) == self._seen:
             return
         width, height = self.size = size
-        x, y = np.meshgrid(np.arange(width) + 0.5 - 0.5 * width, 0.5 * height - 0.5 - np.arange(height))
-        ways = np.stack([x, y, np.full_like(x, -orbit.focal(size))], axis=-1) @ orbit.axes
+        ways = orbit.view(size).ray_directions()
         self._ways, self._sky_places = ways.astype(np.float32), None
         self._seen = orbit, size
         self._face, self._weights = np.full((height, width), -1, np.int32), np.zeros((height, width, 2), np.float32)

@@ -85,13 +85,9 @@ class SplatPainter:
         basis = sh_basis_3dgs(toward, splats.degree).astype(np.float32)
         return _Seen(orbit, size, splats.opacities, blending, found[0], basis)
 
-    def scene_view(self, orbit: Orbit, size: tuple[int, int]) -> View:
-        """The camera in the frame of the scene."""
-        return View.look_at(orbit.eye, orbit.target, [0.0, 1.0, 0.0], orbit.fov_deg, *size)
-
     def _view(self, orbit: Orbit, size: tuple[int, int]) -> tuple[View, float]:
         """The camera in the frame of the splats, whose unit may be another, and the nearest distance that it shows."""
-        return in_frame(self.scene_view(orbit, size), self._frame, self._near)
+        return in_frame(orbit.view(size), self._frame, self._near)
 
 
 def coarser(size: tuple[int, int]) -> tuple[int, int]:

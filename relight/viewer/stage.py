@@ -105,7 +105,7 @@ class Stage:
         shown = splats.colored()
         if inserted is not None:
             draw = self._splats.exact  # objects are other splats in each picture
-            view, samples = self._splats.scene_view(orbit, size), RESTING_OBJECT_SAMPLES if rests else 1
+            view, samples = orbit.view(size), RESTING_OBJECT_SAMPLES if rests else 1
             shown = with_objects(shown, inserted, PictureAsked(session.scene, view, session.exposure(), samples))
         picture = draw(shown, orbit, size).over(back)
         if session.state.split:

@@ -14,7 +14,8 @@ import threading
 import time
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any
 
@@ -95,15 +96,14 @@ class ProcessWorker:
             worker_command(), stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
         )
         self._answers: queue.SimpleQueue[tuple] = queue.SimpleQueue()
-        self._wishes: queue.SimpleQueue[Any] = queue.SimpleQueue()
         assert self._process.stdin is not None and self._process.stdout is not None  # both are pipes
         threading.Thread(target=self._read, args=(self._process.stdout,), daemon=True).start()
-        threading.Thread(target=self._write, args=(self._process.stdin,), daemon=True).start()
-        self._wishes.put(asked)
+        self._pen, self._paper = ThreadPoolExecutor(1), self._process.stdin
+        self._pen.submit(self._write, asked)
 
     def submit(self, wish: LightWish) -> None:
         """Request the newest wish; unfinished work of an older one is dropped."""
-        self._wishes.put(wish)
+        self._pen.submit(self._write, wish)
 
     def poll(self) -> list[tuple]:
         """Messages since the last call, without waiting: a list of tuples.
@@ -128,13 +128,10 @@ class ProcessWorker:
         except (EOFError, OSError, pickle.UnpicklingError, ValueError):
             self._answers.put(("ended", f"the worker process ended (code {self._process.poll()})"))
 
-    def _write(self, stream: IO[bytes]) -> None:
-        try:
-            while True:
-                pickle.dump(self._wishes.get(), stream, pickle.HIGHEST_PROTOCOL)
-                stream.flush()
-        except (OSError, ValueError):
-            pass  # the process is gone: the reader says so
+    def _write(self, message: Any) -> None:
+        with suppress(OSError, ValueError):  # the process is gone: the reader says so
+            pickle.dump(message, self._paper, pickle.HIGHEST_PROTOCOL)
+            self._paper.flush()
 
 
 class Answers:
