@@ -32,30 +32,34 @@ class Answer(Generic[Asked, Found]):
 class Bench(Generic[Asked, Found]):
     """Answers the state that is wanted. `poll` it often.
 
-    wanted: returns the present state; states are compared by ==. exact: the work that finds the result for a state.
-    quick: that for a coarse result, from the last exact Answer if there is one. Both are called in the window's thread,
-    the work is not; None where there is nothing to do. first: an Answer to begin with. spare: how many exact answers
-    are kept for a return.
+    first: an Answer to begin with. spare: how many exact answers are kept for a return.
     """
 
     spare = SPARE
 
-    def __init__(
-        self,
-        wanted: Callable[[], Asked],
-        exact: Callable[[Asked, Check], Callable[[], Found] | None],
-        quick: Callable[[Asked, Answer[Asked, Found] | None], Callable[[], Found | None] | None],
-        first: Answer[Asked, Found] | None = None,
-    ) -> None:
-        self._wanted, self._closed = wanted, False
-        self._exact, self._quick = exact, quick
+    def __init__(self, first: Answer[Asked, Found] | None = None) -> None:
+        self._closed = False
         self._pools = {full: ThreadPoolExecutor(1, "exact" if full else "quick") for full in (False, True)}
-        self._running: dict[bool, tuple[Asked, Future[Found | None]]] = {}
+        self._running: dict[bool, tuple[Asked, Future[Found]]] = {}
         self._kept = [] if first is None else [first]
         self._newest = first
         self._tried: Asked | None = None  # what was answered quickly last
         self._failed: tuple[Asked, str] | None = None
         self._prepared: Future[Any] | None = None
+
+    @property
+    def wanted(self) -> Asked:
+        """The present state. States are compared by ==."""
+        raise NotImplementedError
+
+    def _exactly(self, state: Asked, check: Check) -> Callable[[], Found] | None:
+        """The work that finds the result for a state; None where there is nothing to do. Called in the window's thread,
+        as `_quickly`; the work is not."""
+        raise NotImplementedError
+
+    def _quickly(self, state: Asked, known: Answer[Asked, Found] | None) -> Callable[[], Found] | None:
+        """The same for a coarse result. known: the last exact Answer, if there is one."""
+        raise NotImplementedError
 
     def prepare(self) -> None:
         """Start the long work that comes before answers, in the thread of exact ones."""
@@ -82,14 +86,14 @@ class Bench(Generic[Asked, Found]):
     @property
     def shown(self) -> Answer[Asked, Found] | None:
         """The newest Answer, or the exact one to what is wanted."""
-        wanted = self._wanted()
+        wanted = self.wanted
         return next((each for each in reversed(self._kept) if each.state == wanted), self._newest)
 
     @property
     def settled(self) -> bool:
         """Whether what is wanted is answered in full."""
         shown = self.shown
-        return shown is not None and shown.exact and shown.state == self._wanted()
+        return shown is not None and shown.exact and shown.state == self.wanted
 
     @property
     def failure(self) -> str:
@@ -97,7 +101,7 @@ class Bench(Generic[Asked, Found]):
         broken = None if self._prepared is None or self.waiting else self._prepared.exception()
         if broken is not None:
             return in_words(broken)
-        return self._failed[1] if self._failed is not None and self._failed[0] == self._wanted() else ""
+        return self._failed[1] if self._failed is not None and self._failed[0] == self.wanted else ""
 
     def submit(self, work: Callable[[], Made]) -> "Future[Made]":
         """Do other work in the thread of exact answers."""
@@ -107,16 +111,16 @@ class Bench(Generic[Asked, Found]):
         """Collect what is done and start what is missing; return whether the answer changed. rests: whether the input
         does, so that an exact one is worth its time."""
         changed = self._collected(False) | self._collected(True)
-        wanted = self._wanted()
+        wanted = self.wanted
         if self.settled:
             self._newest, self._tried = self.shown, None
         if self.settled or self.failure:
             return changed
         if wanted != self._tried and False not in self._running:
             known = self._kept[-1] if self._kept else None
-            self._tried = wanted if self._start(False, wanted, self._quick(wanted, known)) else None
+            self._tried = wanted if self._start(False, wanted, self._quickly(wanted, known)) else None
         if (rests or (self._newest is None and False not in self._running)) and True not in self._running:
-            self._start(True, wanted, self._exact(wanted, self._check(wanted)))
+            self._start(True, wanted, self._exactly(wanted, self._check(wanted)))
         return changed
 
     def close(self) -> None:
@@ -125,14 +129,14 @@ class Bench(Generic[Asked, Found]):
         for pool in self._pools.values():
             pool.shutdown(wait=False, cancel_futures=True)
 
-    def _start(self, full: bool, state: Asked, work: Callable[[], Found | None] | None) -> bool:
+    def _start(self, full: bool, state: Asked, work: Callable[[], Found] | None) -> bool:
         if work is not None:
             self._running[full] = state, self._pools[full].submit(work)
         return work is not None
 
     def _check(self, state: Asked) -> Check:
         def check(_: int = 0) -> None:
-            if self._closed or self._wanted() != state:
+            if self._closed or self.wanted != state:
                 raise Superseded
 
         return check
@@ -150,6 +154,6 @@ class Bench(Generic[Asked, Found]):
             answer = Answer(state, result, full)
             if full:
                 self._kept = [*self._kept, answer][-1 - self.spare :]
-            if not full or self._newest is None or state == self._wanted():  # a quick one is closer to the present
+            if not full or self._newest is None or state == self.wanted:  # a quick one is closer to the present
                 self._newest = answer
         return error is None or bool(self.failure)

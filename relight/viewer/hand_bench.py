@@ -43,11 +43,16 @@ class HandBench(Bench[Setting | None, Bytes]):
         changed: Callable[[], None] = lambda: None,
     ) -> None:
         """Arguments as of SessionRequest, `lights` its `hand_source`. changed: called after every change."""
-        super().__init__(lambda: self.setting, self._exactly, self._quickly)
+        super().__init__()
         self._message, self._source, self._under_kept_light, self._changed = "", lights, under_kept_light, changed
         self.setting: Setting | None = None
         self.kept: Setting | None = None
         self._relit: Future[SessionRequest] | None = None
+
+    @property
+    def wanted(self) -> Setting | None:
+        """As of Bench."""
+        return self.setting
 
     @property
     def message(self) -> str:

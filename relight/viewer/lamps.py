@@ -246,9 +246,14 @@ class LampBench(Bench[BoardState, LampsLit]):
     """The light of a LampBoard on a LampSource. Changes show at once when it is ready."""
 
     def __init__(self, source: LampSource, board: LampBoard, first: LightBeside | None) -> None:
-        super().__init__(lambda: board.state, self._exactly, self._quickly, Answer(board.start, LampsLit(first)))
-        self.source = source
+        super().__init__(Answer(board.start, LampsLit(first)))
+        self.source, self._board = source, board
         self._glimpse = lru_cache(SPARE)(self._traced)
+
+    @property
+    def wanted(self) -> BoardState:
+        """As of Bench."""
+        return self._board.state
 
     @property
     def message(self) -> str:

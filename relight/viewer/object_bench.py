@@ -34,9 +34,14 @@ class ObjectBench(Bench[LitPoses, "InsertedLight"]):
         key: Callable[[], Hashable],
         under: Callable[[], ObjectsUnder | None],
     ) -> None:
-        super().__init__(lambda: (self.placed, key()), self._exactly, self._quickly)
-        self.source, self.timeline, self._under = source, timeline, under
+        super().__init__()
+        self.source, self.timeline, self._key, self._under = source, timeline, key, under
         self.timeline.begin("objects", tuple(source.inserts.asked))
+
+    @property
+    def wanted(self) -> LitPoses:
+        """As of Bench."""
+        return self.placed, self._key()
 
     @property
     def placed(self) -> AskedInserts:

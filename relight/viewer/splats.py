@@ -40,22 +40,6 @@ class SplatLook(NamedTuple):
     gloss: Callable[[Splats, NewLight], Splats] | None = None
 
 
-def beside(alone: NewLight, mixture: LightBeside, lamps: Any) -> NewLight:
-    """The NewLight of an environment beside the captured light and lamps, a LampLight or None, of a mixture."""
-    return alone._replace(
-        light=mixture.env_scale * alone.light,
-        radiance=mixture.with_environment(alone.radiance),
-        unit=alone.exposure / mixture.level,
-        captured=mixture.captured,
-        lamps=lamps,
-    )
-
-
-def _no_sky(source: Splats) -> FarSplats:
-    nothing = np.zeros(0, np.int64)
-    return FarSplats(source, nothing, nothing, np.eye(4))
-
-
 class SplatSource(NamedTuple):
     """The splats of a scene, and the functions that relight them.
 
@@ -67,7 +51,7 @@ class SplatSource(NamedTuple):
     captured: Splats
     binding: Callable[[], "Binding"]
     looks: Mapping[str, SplatLook]
-    far: Callable[[Splats], FarSplats] = _no_sky
+    far: Callable[[Splats], FarSplats]
     sky_level: float | None = None
 
 
@@ -98,7 +82,7 @@ class RelitSplats(Bench[SplatsUnder | None, Splats]):
     spare = 0
 
     def __init__(self, source: SplatSource, session: Any) -> None:
-        super().__init__(self._wanted_now, self._exactly, self._quickly)
+        super().__init__()
         self.source, self._session = source, session
         self.prepare()
         self._plain: tuple[SplatsUnder, Splats] | None = None  # without the effect of objects
@@ -120,11 +104,13 @@ class RelitSplats(Bench[SplatsUnder | None, Splats]):
         """Wait until they are bound and fitted, where they can be."""
         assert self._prepared is not None
         self._prepared.exception()
-        while self._session.objects_settled and not (self.settled or self.failure or self._wanted_now() is None):
+        while self._session.objects_settled and not (self.settled or self.failure or self.wanted is None):
             self.poll(True)
             time.sleep(0.001)
 
-    def _wanted_now(self) -> SplatsUnder | None:
+    @property
+    def wanted(self) -> SplatsUnder | None:
+        """The present light; None where none can be shown."""
         session, state = self._session, self._session.state
         radiance = session.environment_radiance()
         if radiance is None or not self.ready or state.albedo not in self.source.looks:
@@ -154,51 +140,44 @@ class RelitSplats(Bench[SplatsUnder | None, Splats]):
 
     def _relighting(self, wanted: SplatsUnder) -> Callable[..., Splats]:
         """The function that relights the splats as they are wanted now: all, or with 0 rounds what is quick."""
-        session, mixture = self._session, wanted.mixture
-        (binding, far), look = self.made, self.source.looks[wanted.albedo]
-        light, state = session.answers.light, session.state
-        mirrored = _mirrored(session, wanted, look.gloss is not None)
-        own_sky = mixture is not None and mixture.keeps_sky
-        sky_exposure, exposure = session.sky_exposure(), wanted.exposure
+        session, mixture, (binding, far) = self._session, wanted.mixture, self.made
+        look, light, factor = self.source.looks[wanted.albedo], session.answers.light, session.sky_exposure()
         receives = look.received if mixture is None else mixture.receives(look.received)
-        bound = BoundSplats(binding, look.before, far, look.gloss)
-        if not (state.sky or own_sky):
-            bound = bound._replace(far=far._replace(choice="drop"))
+        sky: Environment | None = CapturedLight() if mixture is not None and mixture.keeps_sky else None
+        if not (session.state.sky or sky is not None):
+            far = far._replace(choice="drop")
+        if sky is None and wanted.sky is not None and light is not None:
+            sky = Environment(light.sky, wanted.sky[0] or "").rotated(wanted.sky[1])
+            if self.source.sky_level is not None:
+                factor *= self.source.sky_level / (sky.mean_luminance or 1.0)
+        bound, mirrored = BoundSplats(binding, look.before, far, look.gloss), self._mirrored(wanted)
 
         def relit_now(rounds: int = ROUNDS) -> Splats:
-            under = SplatLight(receives(wanted.radiance, exposure), exposure)
-            if own_sky:
-                under = under._replace(sky=CapturedLight(), sky_factor=sky_exposure)
-            elif wanted.sky is not None and light is not None:
-                sky = Environment(light.sky, wanted.sky[0] or "").rotated(wanted.sky[1])
-                under = self._under_sky(under, sky, sky_exposure)
+            under = SplatLight(receives(wanted.radiance, wanted.exposure), wanted.exposure, sky=sky, sky_factor=factor)
             if rounds:
-                under = under._replace(mirrored=mirrored(under.received), inserted=wanted.inserted)
+                shining = mirrored(under.received) if look.gloss is not None and light is not None else None
+                under = under._replace(mirrored=shining, inserted=wanted.inserted)
             return relit(bound, under, rounds)
 
         return relit_now
 
-    def _under_sky(self, light: SplatLight, sky: Environment, exposure: float) -> SplatLight:
-        """The light with an environment, turned, in the sky."""
-        level = self.source.sky_level
-        factor = 1.0 if level is None else level / (sky.mean_luminance or 1.0)
-        return light._replace(sky=sky, sky_factor=exposure * factor)
+    def _mirrored(self, wanted: SplatsUnder) -> Callable[[NDArray[np.floating]], NewLight]:
+        """The function for what glossy splats mirror of the wanted light, whose vertices receive so much."""
+        session, exposure, mixture = self._session, wanted.exposure, wanted.mixture
+        light, angle_deg, bench = session.answers.light, session.state.angle_deg, session.bench
+        lamps = [] if session.lamps is None else [lamp.asked for lamp in session.lamps.state.lamps]
 
+        def mirrored(received: NDArray[np.floating]) -> NewLight:
+            shining = turned_about_y(light.coefficients, angle_deg) * exposure
+            alone = NewLight(shining, wanted.radiance, received, exposure)
+            if mixture is None:
+                return alone
+            return alone._replace(
+                light=mixture.env_scale * shining,
+                radiance=mixture.with_environment(alone.radiance),
+                unit=exposure / mixture.level,
+                captured=mixture.captured,
+                lamps=bench.source.mix.light_of(lamps, mixture.captured) if bench is not None and lamps else None,
+            )
 
-def _mirrored(session: Any, wanted: SplatsUnder, glossy: bool) -> Callable[[NDArray[np.floating]], NewLight | None]:
-    """The function for what glossy splats mirror of the present light of a session, whose vertices receive so much."""
-    state, light, mixture = session.state, session.answers.light, wanted.mixture
-    board, bench = session.lamps, session.bench
-    lamps = [] if board is None else [lamp.asked for lamp in board.state.lamps]
-
-    def mirrored(received: NDArray[np.floating]) -> NewLight | None:
-        if not glossy or light is None:
-            return None
-        shining = turned_about_y(light.coefficients, state.angle_deg) * wanted.exposure
-        alone = NewLight(shining, wanted.radiance, received, wanted.exposure)
-        if mixture is None:
-            return alone
-        traced = bench.source.mix.light_of(lamps, mixture.captured) if bench is not None and lamps else None
-        return beside(alone, mixture, traced)
-
-    return mirrored
+        return mirrored

@@ -54,7 +54,8 @@ def binding(scene, splats):
 def source(scene, splats, binding):
     before = np.full((len(scene.vertices), 3), BEFORE, np.float32)
     albedo = np.maximum(scene.colors_linear, LEAST)
-    return SplatSource(splats, lambda: binding, {"captured": SplatLook(before, lambda light, _: light / albedo)})
+    looks, none = {"captured": SplatLook(before, lambda light, _: light / albedo)}, np.zeros(0, np.int64)
+    return SplatSource(splats, lambda: binding, looks, lambda captured: FarSplats(captured, none, none, np.eye(4)))
 
 
 def window_of(scene, source, **options):
