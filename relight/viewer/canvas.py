@@ -112,7 +112,7 @@ class Canvas:
                 pen.rectangle((left, floor - high, right - 1, floor - low - 1), shown)
         for string, x, y, color in self._texts:
             pen.text((x, floor - y), string, color, self._font, anchor="ls")
-        return np.asarray(image)
+        return np.array(image)
 
     def _pixels(self, *units: float) -> tuple[int, ...]:
         return tuple(round(self.scale * each) for each in units)
