@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..transfer.settings import BOUNCES, SHADOWS, SUN
-from .modes import MODES
+from .state import MODES
 
 if TYPE_CHECKING:
     from .session import Session
@@ -91,14 +91,11 @@ def _effect(key: str, name: str, text: str) -> Control:
 
 
 def _mode(key: str, name: str) -> Control:
-    mode = MODES[name]
-    text = f"{mode.title}: {mode.text}"
-
     def lit(session: "Session") -> float:
         return session.state.mode == name and session.state.tool != "hand"
 
     change = _change(mode=name, tool=lambda state: state.tool.replace("hand", ""))
-    return Control(key, text, change, lambda s: mode.title, "modes", lit)
+    return Control(key, MODES[name], change, lambda s: name.title(), "modes", lit)
 
 
 def _has(name: str) -> Callable[["Session"], bool]:

@@ -127,10 +127,6 @@ class HandBench(Bench[Setting | None, Bytes]):
             self._message = in_words(error)
         return None if error is not None else done.result()
 
-    def colors(self, before: Callable[[], NDArray[np.uint8]]) -> NDArray[np.uint8]:
-        """The albedo as sRGB bytes, (V, 3) uint8; `before` it is ready what that returns."""
-        return before() if self.shown is None else self.shown.result
-
     def map_of(self, number: int | None) -> NDArray[np.uint8]:
         """The map of an offered light, or of the present one for None: (MAP_WIDTH / 2, MAP_WIDTH, 3) uint8 sRGB."""
         offered = self.offered[self.number if number is None else number]

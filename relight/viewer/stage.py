@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from splat2mesh.render.raycaster import RayCaster
+from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
 from splat2mesh.scene.drawn import Drawn
 from splat2mesh.scene.scene import Scene
 
@@ -20,8 +21,8 @@ from ..output.catcher import SIDE as PICTURE_SIDE
 from ..output.catcher import Catcher, GroundLight
 from ..output.inserted_picture import PictureAsked, with_objects
 from ..output.sheet import PAPER, SHADE
+from ..sh.normals import unit_normals
 from .camera import Orbit
-from .modes import surface_colors
 from .quick import display_bytes
 from .raster import Raster
 from .splat_painter import SplatPainter, coarser, joined
@@ -123,6 +124,24 @@ class Stage:
         sky = _displayed(session, "sky", light.sky, session.sky_exposure())
         ground = None if self.ground is None else self.ground.under(light, state.angle_deg, rests)
         return (sky, state.angle_deg), BACKDROP, ground
+
+
+def surface_colors(session: "Session") -> NDArray[np.uint8]:
+    """The colours of the surface in the present mode, (V, 3) uint8 sRGB: the captured ones before the first light."""
+    state, captured = session.state, session.scene.colors_srgb
+    if session.hand is not None and state.tool == "hand":
+        return captured if session.hand.shown is None else session.hand.shown.result
+    radiance = session.radiance() if state.mode == "relit" else None
+    if radiance is not None:
+        shown = display_bytes(radiance, session.exposure())
+    elif state.mode == "relit":
+        shown = captured
+    elif state.mode == "normals":
+        shown = bytes_from_unit(0.5 + 0.5 * unit_normals(session.scene.normals))
+    else:
+        albedo = session.albedos[state.albedo]
+        shown = np.full_like(captured, 255) if albedo is None else bytes_from_unit(srgb_from_linear(albedo))
+    return shown if session.parts is None or state.tool != "parts" else session.parts.tinted(shown)
 
 
 def _displayed(session: "Session", name: str, radiance: NDArray, exposure: float) -> NDArray[np.uint8]:

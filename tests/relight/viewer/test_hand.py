@@ -17,8 +17,9 @@ from relight.light.projections import texel_directions
 from relight.light.sun_position import toward
 from relight.viewer.controls import SLIDERS
 from relight.viewer.hand_tool import OFFER, SUN_MAP, place_on_map
-from relight.viewer.modes import MODES, surface_colors
 from relight.viewer.session import Session
+from relight.viewer.stage import surface_colors
+from relight.viewer.state import MODES
 from relight.viewer.window import Window
 from splat2mesh.scene.scene import Scene
 
