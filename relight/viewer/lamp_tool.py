@@ -11,7 +11,7 @@ from splat2mesh.base.arrays import Triple
 from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
 
 from ..lamps.color import TEMPERATURES, parse_color
-from .lamps import bulb_at, place_of
+from .lamps import LampBoard, place_of
 from .pointing import Drag, Tool, View
 from .recording import free_name
 
@@ -73,8 +73,8 @@ class LampTool(Tool):
             return
         place, normal = hit
         off = min(OFF_M * self._metre, self._free(place, normal) / 2.0)
-        asked = bulb_at(self.in_splat(place + off * normal))
-        self._do(lambda: self.bench.add(asked))
+        asked = ",".join(repr(each) for each in self.in_splat(place + off * normal))
+        self.do(lambda board: board.add(asked))
 
     def grip(self, hot: "HotArea | None", x: float, y: float) -> Drag | None:
         """Select the lamp of a mark, and start to drag it: along the surfaces, or with shift in the picture's plane."""
@@ -102,31 +102,23 @@ class LampTool(Tool):
             else:
                 place, normal = hit
                 place = place + min(off, self._free(place, normal) / 2.0) * normal
-            self._do(lambda: board.move(number, self.in_splat(place), merge=("drag", number)))
+            self.do(lambda board: board.move(number, self.in_splat(place), merge=("drag", number)))
 
         return drag
 
     def next_color(self) -> None:
         """Give the selected lamp the next colour."""
-        number = self._selected()
-        if number is not None:
-            now, colors = self.bench.asked(number).color, [parse_color(name) for name in COLORS]
+
+        def change(board: LampBoard, number: int) -> None:
+            now, colors = board.asked(number).color, [parse_color(name) for name in COLORS]
             name = COLORS[(colors.index(now) + 1) % len(COLORS)] if now in colors else COLORS[0]
-            self._do(lambda: self.bench.change(number, color=name))
+            board.change(number, color=name)
+
+        self._to_selected(change)
 
     def remove(self) -> None:
         """Remove the selected lamp."""
-        number = self._selected()
-        if number is not None:
-            self._do(lambda: self.bench.remove(number))
-
-    def dim_to(self, factor: float) -> None:
-        """Set the factor on the captured light, by a slider."""
-        self._do(lambda: self.bench.dim(factor, merge="captured"))
-
-    def brighten_to(self, value: float) -> None:
-        """Set the brightness of the selected lamp in EV, by a slider."""
-        self._do(lambda: self.bench.set_selected_ev(value))
+        self._to_selected(LampBoard.remove)
 
     def step_back(self, again: bool = False) -> None:
         """Undo or redo; show a message if there is nothing."""
@@ -137,13 +129,13 @@ class LampTool(Tool):
             self._window.note = f"nothing to {'redo' if again else 'undo'}"
         self._used = True
 
-    def save(self, path: "Path | str | None" = None) -> None:
-        """Save the lamps, by default to the file of the last save, else under the first free name in this folder."""
+    def save(self) -> None:
+        """Save the lamps: to the file of the last save, else under the first free name in this folder."""
         board = self.bench
         if board is None:
             self._window.note = "the lamps of this session cannot be changed: open it by relight SCENE --view"
             return
-        path = Path(path) if path else self.path or (free_name(OTHER_FILES) if Path(FILE).exists() else Path(FILE))
+        path = self.path or (free_name(OTHER_FILES) if Path(FILE).exists() else Path(FILE))
 
         def save() -> None:
             board.save(path)
@@ -157,16 +149,17 @@ class LampTool(Tool):
         if self._used and board is not None and board.unsaved and board.state.lamps:
             self.save()
 
-    def _do(self, change: Callable[[], object]) -> None:
+    def do(self, change: Callable[[LampBoard], object]) -> None:
+        """Change the lamps, or the captured light; show a message if that is refused."""
         self._used = True
-        self.tried(change)
+        self.tried(lambda: change(self.bench))
 
-    def _selected(self) -> int | None:
-        board = self.bench
-        number = None if board is None else board.selected
+    def _to_selected(self, change: Callable[[LampBoard, int], None]) -> None:
+        number = None if self.bench is None else self.bench.selected
         if number is None:
             self._window.note = "no lamp is selected: press t, then click a lamp"
-        return number
+        else:
+            self.do(lambda board: change(board, number))
 
     # Positions: pixels, the frame of the scene, the frame of the splat
 

@@ -205,11 +205,6 @@ class LampBoard:
         return asked
 
 
-def bulb_at(position: Triple) -> AskedLamp:
-    """The lamp that a click adds: a warm bulb, as bright as `--lamp x,y,z`."""
-    return asked_lamps([",".join(repr(float(each)) for each in position)])[0]
-
-
 def _brighter(asked: AskedLamp, stops: float) -> AskedLamp:
     """The lamp with 2^stops times its light."""
     if not np.isfinite(stops):
