@@ -11,7 +11,7 @@ from ..light.sun_position import toward
 from .camera import ORBIT_DEG
 from .canvas import BAR, CHIP, DARK, DIM, MARGIN, ON, TEXT, Canvas, HotArea
 from .hand_bench import HandBench
-from .pointing import Drag, Tool, View
+from .pointing import Drag, Tool, WindowView
 
 SUN_MAP, OFFER = "hand sun", "hand light"
 """Names of the hot areas: the map of the present light, and those of the offered lights, whose number follows."""
@@ -39,7 +39,7 @@ class HandTool(Tool):
 
     name = "hand"
 
-    def __init__(self, window: View) -> None:
+    def __init__(self, window: WindowView) -> None:
         super().__init__(window)
         self._edge: NDArray[np.float64] | None = None
         self._point_at(False)

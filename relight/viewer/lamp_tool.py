@@ -12,7 +12,7 @@ from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
 
 from ..lamps.color import TEMPERATURES, parse_color
 from .lamps import LampBoard, place_of
-from .pointing import Drag, Tool, View
+from .pointing import Drag, Tool, WindowView
 from .recording import free_name
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ class LampTool(Tool):
 
     name = "lamps"
 
-    def __init__(self, window: View) -> None:
+    def __init__(self, window: WindowView) -> None:
         super().__init__(window)
         self.path: Path | None = None
         self._used = False

@@ -6,7 +6,7 @@ import numpy as np
 
 from splat2mesh.base.arrays import Triple
 
-from .pointing import Drag, Tool, View
+from .pointing import Drag, Tool, WindowView
 
 if TYPE_CHECKING:
     from .canvas import HotArea
@@ -18,7 +18,7 @@ class ObjectTool(Tool):
     name = "objects"
     clickable = False  # clicks are for the camera
 
-    def __init__(self, window: View) -> None:
+    def __init__(self, window: WindowView) -> None:
         super().__init__(window)
         self.selected = 0
 

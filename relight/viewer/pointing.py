@@ -22,7 +22,7 @@ Drag = Callable[[float, float, bool], None]
 """What a mouse does that moves with a button down: x, y in pixels from the lower left, and whether shift is down."""
 
 
-class View:
+class WindowView:
     """A window on a scene, as tools know it. session: the Session. plotter: the pyvista.Plotter. orbit: the camera.
     note: a line of the window's own."""
 
@@ -67,7 +67,7 @@ class Tool:
     name = ""
     clickable = True
 
-    def __init__(self, window: View) -> None:
+    def __init__(self, window: WindowView) -> None:
         self._window = window
 
     @property

@@ -64,8 +64,10 @@ class Stage:
         seen, self._seen = self._seen, (orbit, size)
         moves = not rests and seen != self._seen
         drawn_size = coarser(size) if moves else size
-        if session.shows_splats:
-            picture = self._of_splats(session, orbit, drawn_size, rests, moves, wait)
+        if session.splats is not None and session.shows_splats:
+            if wait:
+                session.splats.wait()
+            picture = self._of_splats(session, orbit, drawn_size, rests, moves)
         else:
             picture = self.drawn(session, orbit, drawn_size, rests)
         return np.asarray(Image.fromarray(picture).resize(size, Image.Resampling.BILINEAR)) if moves else picture
@@ -93,7 +95,7 @@ class Stage:
         return ((sums + across**2 // 2) // across**2).astype(np.uint8) if rests else fine
 
     def _of_splats(
-        self, session: "Session", orbit: Orbit, size: tuple[int, int], rests: bool, moves: bool, wait: bool
+        self, session: "Session", orbit: Orbit, size: tuple[int, int], rests: bool, moves: bool
     ) -> NDArray[np.uint8]:
         """The picture of the splats before the sky: exact at rest."""
         splats, inserted = session.splats, session.inserted
@@ -101,8 +103,6 @@ class Stage:
         draw = self._splats.exact if rests or moves else self._splats.again
         self._behind.look(orbit, size)
         back = self._behind.paint(np.zeros((0, 3), np.uint8), None, *self._back(session, rests))
-        if wait:
-            splats.wait()
         shown = splats.colored()
         if inserted is not None:
             draw = self._splats.exact  # objects are other splats in each picture

@@ -20,7 +20,7 @@ from .camera import Orbit
 from .controls import CONTROLS
 from .mouse import Mouse
 from .panel import Panel, bars_of
-from .pointing import View
+from .pointing import WindowView
 from .recording import Recording, free_name
 from .request import Turntable
 from .session import Session
@@ -34,7 +34,7 @@ IDLE_SECONDS = 0.005  # between two polls of mouse and worker
 _NO_DISPLAY = "no display: save a picture by `screenshot`, or start it in a notebook"
 
 
-class Window(View):
+class Window(WindowView):
     """A PyVista window over a Session. `run` it, or call `tick` from a loop of your own.
 
     session: the Session. plotter: the pyvista.Plotter. orbit: the camera. note: a line of the window's own.
