@@ -261,19 +261,17 @@ def status(session: "Session") -> tuple[str, str]:
         label, share = progress
         follows += (" \N{MIDDLE DOT} " if follows else "") + STAGES.get(label, label)
         follows += f" {100 * share:.0f} %" if share is not None else ""
-    return "   ".join(_figures(session)), follows
-
-
-def _figures(session: "Session") -> list[str]:
-    figures, lit = [], session.answers.lit
-    if session.answers.error is not None and session.state.mode == "relit":
+    figures, lit, error = [], session.answers.lit, session.answers.error
+    if error is not None and session.state.mode == "relit":
         planned = f", planned {100 * lit.predicted:.2g} %" if lit is not None and lit.predicted is not None else ""
-        figures.append(f"error {100 * session.answers.error:.2g} %{planned} (traced at {SAMPLE_VERTICES} vertices)")
+        figures.append(f"error {100 * error:.2g} %{planned} (traced at {SAMPLE_VERTICES} vertices)")
     if session.light_seconds is not None:
         figures.append(f"light {1e3 * session.light_seconds:.1f} ms")
     if lit is not None and {SUN, BOUNCES} & session.effects:
-        figures.append(f"with {_parts(lit)} {1e3 * lit.seconds:.0f} ms")
-    return figures
+        counts = (lit.sun_count, "sun"), (len(lit.bounces), "bounce")
+        parts = [f"{count} {word}" + "s" * (count > 1) for count, word in counts if count]
+        figures.append(f"with {', '.join(parts) or 'nothing to add'} {1e3 * lit.seconds:.0f} ms")
+    return "   ".join(figures), follows
 
 
 def _follows(session: "Session") -> str:
@@ -286,9 +284,3 @@ def _follows(session: "Session") -> str:
     if session.waiting_for:
         return f"{session.waiting_for} " + ("when the light rests" if state.turning else "on the way")
     return ""
-
-
-def _parts(lit: FinishedShading) -> str:
-    parts = [f"{lit.sun_count} suns" if lit.sun_count != 1 else "1 sun"] if lit.sun_count else []
-    parts += [f"{len(lit.bounces)} bounce" + "s" * (len(lit.bounces) > 1)] if lit.bounces else []
-    return ", ".join(parts) or "nothing to add"

@@ -31,7 +31,8 @@ class Recording:
         path: str | os.PathLike[str] | None = None,
         turn: Turntable | None = None,
     ) -> None:
-        path, turn = _free() if path is None else Path(path), turn or Turntable()
+        free = "turn_{:04d}" + (".mp4" if find_spec("imageio_ffmpeg") else ".gif")
+        path, turn = free_name(free) if path is None else Path(path), turn or Turntable()
         check_film(path, turn)
         import imageio
 
@@ -103,10 +104,6 @@ def check_film(path: str | os.PathLike[str], turn: Turntable) -> None:
         raise InputError(f"{path} exists: choose another name, or pass overwrite")
     if not path.parent.is_dir():
         raise InputError(f"{path}: its folder does not exist")
-
-
-def _free() -> Path:
-    return free_name("turn_{:04d}" + (".mp4" if find_spec("imageio_ffmpeg") else ".gif"))
 
 
 def free_name(pattern: str) -> Path:

@@ -45,7 +45,7 @@ class Session:
     lamps, bench: the LampBoard and the LampBench; None in a session whose lamps cannot be changed, which
     `relight SCENE --view` opens. objects: the ObjectBench. hand: the HandBench of the captured light. parts: the
     PartBench. splats: the RelitSplats. All are None where there are none. timeline: undoes changes of all of them.
-    revision: grows with everything that may change the picture.
+    worker, clock: as given. revision: grows with everything that may change the picture.
     """
 
     def __init__(
@@ -88,7 +88,7 @@ class Session:
         options, effects = asked.lighting, asked.lighting.chosen_effects
         options = replace(options, tolerance=None, budget_s=None)  # every wish brings its own tolerance
         working = worker(SessionScene(scene, self.environments, self.albedos, options, asked.cache))
-        self.answers, self._worker = Answers(working, self._wish(effects), effects), worker
+        self.answers, self.worker = Answers(working, self._wish(effects), effects), worker
         self.answers.ask()
         prepare()
         self.change(**asked.state or {})
@@ -114,12 +114,6 @@ class Session:
         self.timeline.reset()
         if self.hand is not None:
             self.hand.reset()
-
-    def anew(self, asked: SessionRequest) -> "Session":
-        """A session of another request for the same scene, with the settings of this one."""
-        found = Session(asked, self._worker, self.clock)
-        found.follow(self)
-        return found
 
     def follow(self, other: "Session") -> None:
         """Take over what the user set in another session of the same scene, but for its captured light."""

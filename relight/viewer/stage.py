@@ -25,7 +25,7 @@ from ..sh.normals import unit_normals
 from .camera import Orbit
 from .quick import display_bytes
 from .raster import Raster
-from .splat_painter import SplatPainter, coarser, joined
+from .splats import SplatPainter, coarser, joined
 
 if TYPE_CHECKING:
     from .lighting import SessionLight

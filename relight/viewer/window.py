@@ -126,7 +126,8 @@ class Window(WindowView):
         old, asked = self.session, None if self.session.hand is None else self.session.hand.relit()
         if asked is not None:
             self._drop_coming()
-            self._coming = old.anew(asked)
+            self._coming = Session(asked, old.worker, old.clock)
+            self._coming.follow(old)
         if self._coming is None or self._recording is not None:
             return
         self._coming.poll()

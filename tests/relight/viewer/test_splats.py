@@ -14,8 +14,7 @@ from relight.engine.light_mix import LightBeside
 from relight.splats import Binding
 from relight.splats.sky import FarSplats
 from relight.viewer.controls import CONTROLS
-from relight.viewer.splat_painter import SplatPainter, coarser
-from relight.viewer.splats import WAITING, SplatLook, SplatSource
+from relight.viewer.splats import WAITING, SplatLook, SplatPainter, SplatSource, coarser
 from relight.viewer.window import Window
 from splat2mesh.base.errors import InputError
 from splat2mesh.splats.splats import SH_C0, Splats
