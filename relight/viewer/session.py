@@ -8,6 +8,7 @@ import math
 import time
 from collections.abc import Callable, Hashable
 from dataclasses import fields, replace
+from operator import is_
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -316,7 +317,7 @@ class Session:
         It keeps the objects too, since a new object may get the address of a deleted one.
         """
         kept = self._memory.get(name)
-        if kept is None or kept[0] != key or not _same(kept[1], made_of):
+        if kept is None or kept[0] != key or not all(map(is_, kept[1], made_of)):
             kept = self._memory[name] = key, made_of, compute()
         return kept[2]
 
@@ -347,7 +348,3 @@ class Session:
         """The work after a change of lamps, objects, a part or the captured light."""
         self.revision += 1
         self.answers.message, self._edited_at = "", self.clock()
-
-
-def _same(some: tuple, others: tuple) -> bool:
-    return len(some) == len(others) and all(one is other for one, other in zip(some, others, strict=True))
