@@ -9,7 +9,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from vtkmodules.util.numpy_support import numpy_to_vtk
+from vtkmodules.vtkCommonDataModel import vtkImageData
 from vtkmodules.vtkInteractionStyle import vtkInteractorStyleUser
+from vtkmodules.vtkRenderingCore import vtkTexture
 
 from splat2mesh.base.errors import InputError
 
@@ -46,7 +49,10 @@ class Window(WindowView):
         self.session: Session = session
         self.plotter = pyvista.Plotter(off_screen=off_screen, window_size=list(size), notebook=False, title="relight")
         self.plotter.render_window.SetMultiSamples(0)  # pictures are smooth; more take OpenGL four times as long
-        self._texture = pyvista.Texture
+        self._glass = vtkTexture()
+        self._glass.SetColorModeToDirectScalars()
+        self.plotter.renderer.SetBackgroundTexture(self._glass)
+        self.plotter.renderer.TexturedBackgroundOn()
         self._stage, self.note = Stage(session.scene), ""
         self.panel = Panel()
         camera = session.scene.preview_camera or default_camera(session.scene, size[0] / size[1])
@@ -236,8 +242,10 @@ class Window(WindowView):
     def _render(self) -> NDArray[np.uint8]:
         """Show scene and panel; return their picture."""
         picture = self.panel.over(self._picture)
-        self.plotter.renderer.SetBackgroundTexture(self._texture(picture))
-        self.plotter.renderer.TexturedBackgroundOn()
+        image = vtkImageData()
+        image.SetDimensions(picture.shape[1], picture.shape[0], 1)
+        image.GetPointData().SetScalars(numpy_to_vtk(picture[::-1].reshape(-1, 3), deep=True))
+        self._glass.SetInputData(image)
         self.plotter.render_window.Render()
         return picture
 
