@@ -248,8 +248,13 @@ class Panel(Canvas):
         lamp: int | None = None,
     ) -> None:
         scale = self.scale
-        at = value and (lambda x, _, of=value: of(x / scale))
-        self.hot.insert(0, HotArea(tuple(scale * number for number in box), name, at, lamp))
+
+        def at(x: float, _: float) -> float:
+            assert value is not None
+            return value(x / scale)
+
+        area = HotArea(tuple(scale * each for each in box), name, None if value is None else at, lamp)
+        self.hot.insert(0, area)
 
 
 def status(session: "Session") -> tuple[str, str]:

@@ -90,9 +90,11 @@ class Stage:
         across = SMOOTH if rests else 1
         self._raster.look(orbit, (across * width, across * height))
         before = (captured, session.state.split_at) if session.state.split else None
-        fine = self._raster.paint(shown, before, *self._back(session, rests))
+        fine: NDArray[np.uint8] = self._raster.paint(shown, before, *self._back(session, rests))
+        if not rests:
+            return fine
         sums = fine.reshape(height, across, width, across, 3).sum(axis=(1, 3), dtype=np.uint16)
-        return ((sums + across**2 // 2) // across**2).astype(np.uint8) if rests else fine
+        return ((sums + across**2 // 2) // across**2).astype(np.uint8)
 
     def _of_splats(
         self, session: "Session", orbit: Orbit, size: tuple[int, int], rests: bool, moves: bool
@@ -126,7 +128,7 @@ class Stage:
         return (sky, state.angle_deg), BACKDROP, ground
 
 
-def surface_colors(session: "Session") -> NDArray[np.uint8]:
+def surface_colors(session: "Session") -> NDArray:
     """The colours of the surface in the present mode, (V, 3) uint8 sRGB: the captured ones before the first light."""
     state, captured = session.state, session.scene.colors_srgb
     if session.hand is not None and state.tool == "hand":
@@ -163,8 +165,9 @@ class StandingGround:
 
     def __init__(self, scene: Scene) -> None:
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="ground")
-        caster = RayCaster(scene.vertices, scene.faces)
-        self._catcher: Future[Catcher] = self._thread.submit(Catcher, scene, caster, SIDE)
+        self._catcher: Future[Catcher] = self._thread.submit(
+            lambda: Catcher(scene, RayCaster(scene.vertices, scene.faces), SIDE)
+        )
         self._shown: tuple[SessionLight, float, GroundLight] | None = None
 
     @property
