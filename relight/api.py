@@ -44,7 +44,7 @@ from .output.lamps_picture import lamps_picture
 from .planning.plan import Plan
 from .request import AUTO, AnyLight, RelightRequest
 from .splats import write_relit_ply
-from .viewer.waiting import Served, in_a_browser, in_a_window
+from .viewer.waiting import Served, first_look
 
 if TYPE_CHECKING:
     import pyvista
@@ -287,7 +287,7 @@ def view_request(
     from .viewer import view
 
     stages = stages or Stages()
-    session = _session(request, stages, None if screenshot else in_a_window)
+    session = _session(request, stages, None if screenshot else first_look)
     view(session, screenshot=screenshot)
 
 
@@ -308,7 +308,7 @@ def serve_request(
             announced.append(url)
             announce(url)
 
-    session = _session(request, stages or Stages(), lambda picture: in_a_browser(picture, place, told))
+    session = _session(request, stages or Stages(), lambda picture: first_look(picture, place, told))
     serve(session, port=place, announce=told)
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,11 +15,6 @@ from ..albedo.division import DARKEST
 from ..engine.appearance import CHOICES
 from ..engine.by_hand import LightByHand, can_be_set
 from ..engine.light_mix import LightBeside
-from ..engine.placed import Placed
-from ..lamps.asked import AskedLamp
-from ..lamps.color import WHITE
-from ..lamps.shapes import SphereLamp
-from ..output.inserted_picture import PictureAsked, with_objects
 from ..request import RelightRequest
 from ..splats.grown_part import GrowingSurface
 from ..splats.sky import far_splats
@@ -96,9 +91,9 @@ def _under_light(job: Job, mixture: LightBeside | None) -> SessionRequest:
 
 def _first_mixture(job: Job, source: LampSource) -> LightBeside:
     """The light beside the environment as it is requested."""
-    source.mixture(source.captured, None)  # before lamps: a relight shades by the environment first, too
+    source.level()  # before lamps: a relight shades by the environment first, too
     lamp_light = job.mix.lamp_light
-    return source.mixture(source.captured, None if lamp_light is None else lamp_light.placed)
+    return source.mixture(job.mix.captured_factor, None if lamp_light is None else lamp_light.placed)
 
 
 def _part_source(job: Job) -> PartSource | None:
@@ -117,30 +112,14 @@ def _part_source(job: Job) -> PartSource | None:
 def _lamp_source(job: Job) -> LampSource:
     """The LampSource of a session, with the mixture of `Job.shaded`."""
     mix = job.mix
-    found: list[float] = []
 
+    @cache
     def level() -> float:
-        if not found:
-            known = mix.level_is_known
-            found.append(mix.level(job.known.appearance.captured if known else mix.alone_under(job.lights[0]).radiance))
-        return found[0]
+        known = mix.level_is_known
+        return mix.level(job.known.appearance.captured if known else mix.alone_under(job.lights[0]).radiance)
 
-    def mixture(captured: float, placed: Placed | None) -> LightBeside:
-        return mix.beside(level(), captured, placed)
-
-    def prepare() -> None:
-        mixture(1.0, None)
-        mix.light_of([AskedLamp(SphereLamp((0.0, 0.0, 0.0), intensity=WHITE))], 1.0).glimpse()  # which compiles it
-
-    return LampSource(
-        asked=mix.asked_lamps,
-        captured=mix.captured_factor,
-        prepare=prepare,
-        light_of=mix.light_of,
-        mixture=mixture,
-        scale=lambda: mix.scale,
-        command=f"relight {job.inputs.name} --env {job.light_name} --captured {{captured}} --lamp {{lamps}}",
-    )
+    command = f"relight {job.inputs.name} --env {job.light_name} --captured {{captured}} --lamp {{lamps}}"
+    return LampSource(mix, level, command)
 
 
 def _received_of(job: Job) -> "Callable[[NDArray[np.float32], float], NDArray[np.float32]]":
@@ -165,15 +144,7 @@ def _object_source(job: Job) -> ObjectSource:
     def exact(asked: "Sequence[AskedInsert]", now: ObjectsUnder, check: "Callable[..., None]") -> "InsertedLight":
         return inserts.moved(asked).under(surroundings_in(now, job.mix), now.received, check)
 
-    return ObjectSource(
-        asked=tuple(inserts.asked),
-        received=_received_of(job),
-        exact=exact,
-        glimpse=lambda asked, before: inserts.moved(asked).glimpse(before),
-        drawn=lambda splats, light, exposure, view, samples: with_objects(
-            splats, light, PictureAsked(job.known.scene, view, exposure, samples)
-        ),
-    )
+    return ObjectSource(inserts, _received_of(job), exact)
 
 
 def _splats(job: Job, captured: "Splats", mixture: LightBeside | None) -> SplatSource:

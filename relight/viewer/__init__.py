@@ -3,12 +3,13 @@
     from relight.viewer import view
     view(scene, "sunset")
 
-`session` holds what the user set; `answers`, `worker` and `lighting` do the heavy work in a process of its own;
+`session` holds what the user set; `worker` and `lighting` do the heavy work in a process of its own;
 `window`, `stage` and `panel` draw. What a hand changes (lamps, objects, the captured light) has a tool under the mouse,
 a bench for its light while it changes, and the engine behind it in `sources`.
 """
 
 import os
+import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +22,7 @@ from .waiting import Served
 
 if TYPE_CHECKING:
     from ..light.environment import Environment
+    from .window import Window
 
 __all__ = ["SessionRequest", "Turntable", "record_turntable", "serve", "view"]
 
@@ -43,21 +45,17 @@ def view(
     input that cannot be used, and for a missing display.
     """
     from ..output.images import check_image, write_image
-    from .session import Session
-    from .window import SIZE, Window, in_notebook, load_pyvista
+    from .window import in_notebook
 
     if screenshot:
         check_image(screenshot)
     notebook = in_notebook() and not (screenshot or off_screen)
-    off_screen = bool(off_screen or screenshot or notebook)
-    load_pyvista(off_screen)
-    session = Session(SessionRequest.of(scene, environment, options, **wishes))
-    if screenshot and not panel:
-        session.change(panel=False)  # leaves the whole picture to the scene
-    close = session.close
+    hidden = bool(off_screen or screenshot or notebook)
+    request = SessionRequest.of(scene, environment, options, **wishes)
+    window = _window(request, size, hidden, panel or not screenshot)
+    if off_screen and not screenshot:
+        return window
     try:
-        window = Window(session, size or SIZE, off_screen)
-        close = window.close  # its session may be another by then: of a captured light that was kept
         if notebook:
             from .notebook import show_widget
 
@@ -65,14 +63,23 @@ def view(
         if screenshot:
             window.finish()
             write_image(screenshot, window.picture(panel))
-        elif off_screen:
-            return window
         else:
             window.run()
     except BaseException:
-        close()
+        window.close()
         raise
     window.close()
+
+
+def _window(asked: SessionRequest, size: tuple[int, int] | None, off_screen: bool, panel: bool = True) -> "Window":
+    """The Window of a request. Raises InputError as `view` does."""
+    from .session import Session
+    from .window import SIZE, Window, load_pyvista
+
+    load_pyvista(off_screen)
+    session = Session(asked)
+    session.change(panel=panel and session.state.panel)
+    return Window(session, size or SIZE, off_screen)
 
 
 def serve(
@@ -90,12 +97,9 @@ def serve(
     Raises InputError as `view` does, for a missing trame and for a port that is taken.
     """
     from .notebook import serve as served
-    from .session import Session
-    from .window import SIZE, Window, load_pyvista
 
-    load_pyvista(True)
     place = port if isinstance(port, Served) else Served.at(port)
-    window = Window(Session(SessionRequest.of(scene, environment, options, **wishes)), size or SIZE, off_screen=True)
+    window = _window(SessionRequest.of(scene, environment, options, **wishes), size, True)
     try:
         served(window, place, announce)
     finally:
@@ -115,18 +119,13 @@ def record_turntable(
     wishes: fields of Turntable too, such as frames. Raises InputError as `view` does, and for a film that cannot be
     written.
     """
-    import time
-
     from .recording import check_film
-    from .session import Session
-    from .window import IDLE_SECONDS, Window, load_pyvista
+    from .window import IDLE_SECONDS
 
     turn, wishes = Turntable.of(turn, wishes)
     check_film(path, turn)
-    load_pyvista(True)
-    session = Session(SessionRequest.of(scene, environment, options, **wishes))
+    window = _window(SessionRequest.of(scene, environment, options, **wishes), turn.size, True)
     try:
-        window = Window(session, turn.size, off_screen=True)
         window.record(path, turn)
         while window.recording:
             if not window.tick():
@@ -134,5 +133,4 @@ def record_turntable(
         if window.note.startswith("recording dropped"):
             raise InputError(window.note)
     finally:
-        session.close()
-    window.close()
+        window.close()

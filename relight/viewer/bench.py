@@ -7,7 +7,7 @@ that rests, and stops once another is wanted.
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from .lighting import SPARE
 from .worker import Superseded, in_words
@@ -32,43 +32,76 @@ class Answer(Generic[Asked, Found]):
 class Bench(Generic[Asked, Found]):
     """Answers the state that is wanted. `poll` it often.
 
-    wanted: returns the present state; states are compared by ==. exact: the work that finds the result for a state.
-    quick: that for a coarse result, from an exact Answer. Both are called in the window's thread, the work is not; None
-    where there is nothing to do. first: an Answer to begin with.
+    first: an Answer to begin with. spare: how many exact answers are kept for a return.
     """
 
-    def __init__(
-        self,
-        wanted: Callable[[], Asked],
-        exact: Callable[[Asked, Check], Callable[[], Found] | None],
-        quick: Callable[[Asked, Answer[Asked, Found]], Callable[[], Found | None] | None],
-        first: Answer[Asked, Found] | None = None,
-    ) -> None:
-        self._wanted, self._closed = wanted, False
-        self._exact, self._quick = exact, quick
+    spare = SPARE
+
+    def __init__(self, first: Answer[Asked, Found] | None = None) -> None:
+        self._closed = False
         self._pools = {full: ThreadPoolExecutor(1, "exact" if full else "quick") for full in (False, True)}
-        self._running: dict[bool, tuple[Asked, Future[Found | None]]] = {}
+        self._running: dict[bool, tuple[Asked, Future[Found]]] = {}
         self._kept = [] if first is None else [first]
         self._newest = first
         self._tried: Asked | None = None  # what was answered quickly last
         self._failed: tuple[Asked, str] | None = None
+        self._prepared: Future[Any] | None = None
+
+    @property
+    def wanted(self) -> Asked:
+        """The present state. States are compared by ==."""
+        raise NotImplementedError
+
+    def _exactly(self, state: Asked, check: Check) -> Callable[[], Found] | None:
+        """The work that finds the result for a state; None where there is nothing to do. Called in the window's thread,
+        as `_quickly`; the work is not."""
+        raise NotImplementedError
+
+    def _quickly(self, state: Asked, known: Answer[Asked, Found] | None) -> Callable[[], Found] | None:
+        """The same for a coarse result. known: the last exact Answer, if there is one."""
+        raise NotImplementedError
+
+    def prepare(self) -> None:
+        """Start the long work that comes before answers, in the thread of exact ones."""
+        self._prepared = self._prepared or self.submit(self._prepare)
+
+    def _prepare(self) -> Any:
+        """That work; what it returns is `made`."""
+
+    @property
+    def waiting(self) -> bool:
+        """Whether that work is not done."""
+        return self._prepared is None or not self._prepared.done()
+
+    @property
+    def ready(self) -> bool:
+        """Whether that work has succeeded."""
+        return self._prepared is not None and not self.waiting and self._prepared.exception() is None
+
+    @property
+    def made(self) -> Any:
+        """What that work has made; None before it is ready."""
+        return self._prepared.result() if self._prepared is not None and self.ready else None
 
     @property
     def shown(self) -> Answer[Asked, Found] | None:
         """The newest Answer, or the exact one to what is wanted."""
-        wanted = self._wanted()
+        wanted = self.wanted
         return next((each for each in reversed(self._kept) if each.state == wanted), self._newest)
 
     @property
     def settled(self) -> bool:
         """Whether what is wanted is answered in full."""
         shown = self.shown
-        return shown is not None and shown.exact and shown.state == self._wanted()
+        return shown is not None and shown.exact and shown.state == self.wanted
 
     @property
     def failure(self) -> str:
         """Why what is wanted cannot be answered, or ""."""
-        return self._failed[1] if self._failed is not None and self._failed[0] == self._wanted() else ""
+        broken = None if self._prepared is None or self.waiting else self._prepared.exception()
+        if broken is not None:
+            return in_words(broken)
+        return self._failed[1] if self._failed is not None and self._failed[0] == self.wanted else ""
 
     def submit(self, work: Callable[[], Made]) -> "Future[Made]":
         """Do other work in the thread of exact answers."""
@@ -78,16 +111,16 @@ class Bench(Generic[Asked, Found]):
         """Collect what is done and start what is missing; return whether the answer changed. rests: whether the input
         does, so that an exact one is worth its time."""
         changed = self._collected(False) | self._collected(True)
-        wanted = self._wanted()
+        wanted = self.wanted
         if self.settled:
             self._newest, self._tried = self.shown, None
         if self.settled or self.failure:
             return changed
-        if (rests or self._newest is None) and True not in self._running:
-            self._start(True, wanted, self._exact(wanted, self._check(wanted)))
-        if self._kept and wanted != self._tried and False not in self._running:
-            self._tried = wanted
-            self._start(False, wanted, self._quick(wanted, self._kept[-1]))
+        if wanted != self._tried and False not in self._running:
+            known = self._kept[-1] if self._kept else None
+            self._tried = wanted if self._start(False, wanted, self._quickly(wanted, known)) else None
+        if (rests or (self._newest is None and False not in self._running)) and True not in self._running:
+            self._start(True, wanted, self._exactly(wanted, self._check(wanted)))
         return changed
 
     def close(self) -> None:
@@ -96,13 +129,14 @@ class Bench(Generic[Asked, Found]):
         for pool in self._pools.values():
             pool.shutdown(wait=False, cancel_futures=True)
 
-    def _start(self, full: bool, state: Asked, work: Callable[[], Found | None] | None) -> None:
+    def _start(self, full: bool, state: Asked, work: Callable[[], Found] | None) -> bool:
         if work is not None:
             self._running[full] = state, self._pools[full].submit(work)
+        return work is not None
 
     def _check(self, state: Asked) -> Check:
         def check(_: int = 0) -> None:
-            if self._closed or self._wanted() != state:
+            if self._closed or self.wanted != state:
                 raise Superseded
 
         return check
@@ -119,7 +153,7 @@ class Bench(Generic[Asked, Found]):
         if result is not None:
             answer = Answer(state, result, full)
             if full:
-                self._kept = [*self._kept[-SPARE:], answer]
-            if not full or self._newest is None or state == self._wanted():  # a quick one is closer to the present
+                self._kept = [*self._kept, answer][-1 - self.spare :]
+            if not full or self._newest is None or state == self.wanted:  # a quick one is closer to the present
                 self._newest = answer
         return error is None or bool(self.failure)

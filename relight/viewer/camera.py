@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from splat2mesh.render.view import View
+
 from ..output.kinds import PICTURE_SIZE
 
 HIGHEST_DEG = 89.0
@@ -72,6 +74,10 @@ class Orbit:
         width, height = size
         way = np.array([x - width / 2, y - height / 2, -self.focal(size)]) @ self.axes
         return self.eye, way / np.linalg.norm(way)
+
+    def view(self, size: tuple[int, int]) -> View:
+        """It as a View in the frame of the scene."""
+        return View.look_at(self.eye, self.target, [0.0, 1.0, 0.0], self.fov_deg, *size)
 
     def in_window(self, aspect: float, bars: tuple[float, float] = (0.0, 0.0), within: bool = False) -> "Orbit":
         """The same view in a partly covered window, whose free part shows a whole picture of PICTURE_ASPECT.

@@ -1,35 +1,16 @@
-"""Rectangles and texts over a VTK scene, in units that grow with the window.
-
-Two kinds of VTK actors draw them, one for all rectangles and one for each text. They look and work the same in a
-window, off screen and in a browser.
-"""
+"""Rectangles, texts and small pictures over the picture of a scene, in units that grow with the window."""
 
 from collections.abc import Callable
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from vtkmodules.vtkCommonCore import vtkPoints, vtkUnsignedCharArray
-from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
-from vtkmodules.vtkRenderingCore import (
-    vtkActor2D,
-    vtkCoordinate,
-    vtkPolyDataMapper2D,
-    vtkTextActor,
-    vtkTextProperty,
-    vtkTextRenderer,
-)
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
 
 from ..output.sheet import INK, MARK, PAPER, SHADE
 
-
-class Style(NamedTuple):
-    """How a text looks. size: in units."""
-
-    size: int = 12
-    bold: bool = False
-
-
-SMALL, KEY = Style(), Style(bold=True)
+TEXT_SIZE = 12  # units
 
 
 def _between(one: tuple[int, ...], other: tuple[int, ...]) -> tuple[int, ...]:
@@ -43,7 +24,6 @@ IDLE = *_between(MARK, DARK), OPAQUE
 """sRGB bytes of texts, and of what is drawn, with opacity."""
 
 MARGIN = 16  # units from the edges of the window
-_DPI = 72  # a point is a pixel
 
 
 class HotArea(NamedTuple):
@@ -65,121 +45,79 @@ class HotArea(NamedTuple):
 
 
 class Canvas:
-    """Clear it, put rectangles and texts on it, then show it.
+    """Clear it, put rectangles, pictures and texts on it, then draw them over a picture, texts last.
 
-    boxes: dict of (text, x, y) -> (left, bottom, width, height) in pixels, as shown. scale: pixels in a unit.
+    scale: pixels in a unit.
     """
 
-    def __init__(self, renderer: Any) -> None:
-        self._renderer = renderer
-        self._texts: list[list[Any]] = []  # actors, and what each shows
-        self._drawn: tuple[list[tuple], list[tuple]] | None = None
-        self._points, self._quads, self._colors = vtkPoints(), vtkCellArray(), vtkUnsignedCharArray()
-        self._colors.SetNumberOfComponents(4)
-        shapes = vtkPolyData()
-        shapes.SetPoints(self._points)
-        shapes.SetPolys(self._quads)
-        shapes.GetCellData().SetScalars(self._colors)
-        self._mapper = vtkPolyDataMapper2D()
-        self._mapper.SetInputData(shapes)
-        pixels = vtkCoordinate()
-        pixels.SetCoordinateSystemToDisplay()
-        self._mapper.SetTransformCoordinate(pixels)
-        self._shapes = vtkActor2D()
-        self._shapes.SetMapper(self._mapper)
-        renderer.AddViewProp(self._shapes)
-        self._measure = vtkTextRenderer.GetInstance()
-        self._widths: dict[tuple[str, int, bool], tuple[int, int, int, int]] = {}
-        self.boxes: dict[tuple[str, int, int], tuple[int, int, int, int]] = {}
-        self.scale = 1.0
-        self._rectangles: list[tuple] = []
-        self._written: list[tuple] = []
+    def __init__(self) -> None:
         self.clear(1.0)
 
     def clear(self, scale: float) -> None:
         """Restart with a unit of this many pixels."""
-        self._rectangles, self._written, self.scale = [], [], scale
+        self.scale, self._font = scale, _font(round(scale * TEXT_SIZE))
+        self._shapes: list[tuple[tuple[int, ...], Any]] = []  # left, lower, right, upper; a colour or a picture
+        self._texts: list[tuple[str, int, int, tuple[int, ...]]] = []
+
+    @property
+    def contents(self) -> tuple[list, list]:
+        """What is on it, to compare."""
+        return self._shapes, self._texts
+
+    @property
+    def boxes(self) -> dict[tuple[str, int, int], tuple[float, ...]]:
+        """Where each text stands: dict of (text, x, y) -> (left, bottom, width, height) in pixels."""
+        found: dict[tuple[str, int, int], tuple[float, ...]] = {}
+        for string, x, y, _ in self._texts:
+            left, top, right, bottom = self._font.getbbox(string, anchor="ls")
+            found[string, x, y] = x + left, y - bottom, right - left, bottom - top
+        return found
 
     def rectangle(self, left: float, base: float, width: float, height: float, color: tuple[int, ...]) -> None:
         """color: (4,) bytes."""
-        self._rectangles.append((*(self.scale * n for n in (left, base, left + width, base + height)), color))
+        self._shapes.append((self._pixels(left, base, left + width, base + height), color))
 
-    def text(self, left: float, base: float, string: str, color: tuple[int, ...], style: Style = SMALL) -> None:
+    def picture(self, left: float, base: float, cell: float, shown: NDArray[np.uint8]) -> None:
+        """shown: (H, W, 3), whose pixels are squares with sides of `cell` units."""
+        height, width = shown.shape[:2]
+        box = self._pixels(left, base, left + width * cell, base + height * cell)
+        sides = box[2] - box[0], box[3] - box[1]
+        self._shapes.append((box, Image.fromarray(shown).resize(sides, Image.Resampling.NEAREST)))
+
+    def text(self, left: float, base: float, string: str, color: tuple[int, ...]) -> None:
         """color: (3,) bytes."""
-        place = round(self.scale * left), round(self.scale * base)
-        self._written.append((string, place, color, self._pixels(style), style.bold))
+        x, y = self._pixels(left, base)
+        self._texts.append((string, x, y, color))
 
     def width(self, string: str) -> float:
-        """Width of a small text in units."""
-        return self._extent(string, self._pixels(SMALL), False)[1] / self.scale
+        """Width of a text in units."""
+        return float(self._font.getlength(string)) / self.scale
 
     def fitted(self, string: str, room: float) -> str:
-        """The small text, cut short where it is wider than `room` units."""
+        """The text, cut short where it is wider than `room` units."""
         stem = string
         while stem and self.width(string) > room:
             stem = stem[:-3].rstrip()
             string = stem + "..." if stem else ""
         return string
 
-    def show(self) -> bool:
-        """Pass rectangles and texts to VTK; return whether they changed.
+    def over(self, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """What is on it before a picture (H, W, 3)."""
+        image = Image.fromarray(picture)
+        pen, floor = ImageDraw.Draw(image, "RGBA"), image.height
+        for (left, low, right, high), shown in self._shapes:
+            if isinstance(shown, Image.Image):
+                image.paste(shown, (left, floor - high))
+            elif right > left and high > low:
+                pen.rectangle((left, floor - high, right - 1, floor - low - 1), shown)
+        for string, x, y, color in self._texts:
+            pen.text((x, floor - y), string, color, self._font, anchor="ls")
+        return np.array(image)
 
-        Texts keep their actors, which redraw themselves on a change.
-        """
-        drawing = self._rectangles, self._written
-        if drawing == self._drawn:
-            return False
-        self._drawn = drawing
-        self._points.Reset()
-        self._quads.Reset()
-        self._colors.Reset()
-        for left, low, right, high, color in self._rectangles:
-            first = self._points.GetNumberOfPoints()
-            for corner in ((left, low), (right, low), (right, high), (left, high)):
-                self._points.InsertNextPoint(*corner, 0.0)
-            self._quads.InsertNextCell(4, range(first, first + 4))
-            self._colors.InsertNextTuple4(*color)
-        for part in (self._points, self._quads, self._colors, self._mapper.GetInput()):
-            part.Modified()
-        while len(self._texts) < len(self._written):
-            actor = vtkTextActor()
-            actor.SetLayerNumber(1)
-            self._renderer.AddViewProp(actor)
-            self._texts.append([actor, None])
-        self.boxes = {}
-        for index, entry in enumerate(self._texts):
-            actor, before = entry
-            now = self._written[index] if index < len(self._written) else None
-            actor.SetVisibility(now is not None)
-            if now is None:
-                continue
-            string, (x, y), color, size, bold = now
-            if now != before:
-                actor.SetInput(string)
-                actor.SetTextProperty(_text_property(color, size, bold))
-                actor.SetDisplayPosition(x, y)
-                entry[1] = now
-            left, wide, low, tall = self._extent(string, size, bold)
-            self.boxes[string, x, y] = x + left, y + low, wide, tall
-        return True
-
-    def _pixels(self, style: Style) -> int:
-        return round(self.scale * style.size)
-
-    def _extent(self, string: str, size: int, bold: bool) -> tuple[int, int, int, int]:
-        """Left, width, lower, height in pixels of a text about its origin; kept, since measuring draws it."""
-        key = string, size, bold
-        if key not in self._widths:
-            properties, box = _text_property((0, 0, 0), size, bold), [0, 0, 0, 0]
-            self._measure.GetBoundingBox(properties, string, box, _DPI)
-            self._widths[key] = box[0], box[1] - box[0] + 1, box[2], box[3] - box[2] + 1
-        return self._widths[key]
+    def _pixels(self, *units: float) -> tuple[int, ...]:
+        return tuple(round(self.scale * each) for each in units)
 
 
-def _text_property(color: tuple[int, ...], size: int, bold: bool) -> vtkTextProperty:
-    properties = vtkTextProperty()
-    properties.SetFontFamilyToArial()
-    properties.SetFontSize(size)
-    properties.SetColor(*(channel / 255.0 for channel in color))
-    properties.SetBold(bold)
-    return properties
+@lru_cache
+def _font(size: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
+    return ImageFont.load_default(size)

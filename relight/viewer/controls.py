@@ -4,8 +4,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..transfer.settings import BOUNCES, SHADOWS, SUN
-from .modes import MODES
-from .pointing import WindowView
+from .state import MODES
 
 if TYPE_CHECKING:
     from .session import Session
@@ -16,7 +15,8 @@ EXPOSURE_STEP_EV = 0.25
 TOLERANCE_STEP = 2.0**0.5
 
 
-Action = Callable[[WindowView], None]
+Action = Callable[[Any], None]
+"""Called with the Window."""
 
 
 class Control(NamedTuple):
@@ -46,8 +46,8 @@ class Slider(NamedTuple):
     show: Callable[[float], str]
     logarithmic: bool = False
     there: Callable[["Session"], bool] = lambda session: True
-    read: Callable[["Session"], float] | None = None
-    write: Callable[[WindowView, float], None] | None = None
+    read: Callable[[Any], float] | None = None
+    write: Callable[[Any, float], None] | None = None
 
     @property
     def of_hand(self) -> bool:
@@ -58,7 +58,7 @@ class Slider(NamedTuple):
 def _change(**changes: Any) -> Action:
     """An action that sets fields of the state; callables are given the state first."""
 
-    def act(window: WindowView) -> None:
+    def act(window: Any) -> None:
         state = window.session.state
         window.session.change(**{name: value(state) if callable(value) else value for name, value in changes.items()})
 
@@ -74,7 +74,7 @@ def _step(field: str, step: float) -> Action:
 
 
 def _next(field: str, step: int) -> Action:
-    def act(window: WindowView) -> None:
+    def act(window: Any) -> None:
         names = window.session.choices[field]
         place = names.index(getattr(window.session.state, field)) + step
         window.session.change(**{field: names[place % len(names)]})
@@ -91,14 +91,11 @@ def _effect(key: str, name: str, text: str) -> Control:
 
 
 def _mode(key: str, name: str) -> Control:
-    mode = MODES[name]
-    text = f"{mode.title}: {mode.text}"
-
     def lit(session: "Session") -> float:
         return session.state.mode == name and session.state.tool != "hand"
 
     change = _change(mode=name, tool=lambda state: state.tool.replace("hand", ""))
-    return Control(key, text, change, lambda s: mode.title, "modes", lit)
+    return Control(key, MODES[name], change, lambda s: name.title(), "modes", lit)
 
 
 def _has(name: str) -> Callable[["Session"], bool]:
@@ -124,28 +121,24 @@ _by_hand, _parting = _uses("hand"), _uses("parts")
 
 def _hand_slider(name: str, text: str, show: Callable[[float], str]) -> Slider:
     """A slider of a field of the HandLight."""
-
-    def read(session: "Session") -> float:
-        return 0.0 if session.hand is None else getattr(session.hand.hand, name)
-
-    def write(window: WindowView, value: float) -> None:
-        window.session.set_hand(lambda bench: bench.change(**{name: value}))
-
-    return Slider(f"hand_{name}", text, show, there=_by_hand, read=read, write=write)
+    return Slider(
+        f"hand_{name}",
+        text,
+        show,
+        there=_by_hand,
+        read=lambda session: getattr(session.hand.hand, name),
+        write=lambda window, value: window.session.hand.change(**{name: value}),
+    )
 
 
 def _part_slider(name: str, text: str, show: Callable[[float], str]) -> Slider:
     """A slider of the light of a PartMade."""
-
-    def read(session: "Session") -> float:
-        return 0.0 if session.parts is None else getattr(session.parts.made, name)
-
     return Slider(
         f"part_{name}",
         text,
         show,
         there=_parting,
-        read=read,
+        read=lambda session: getattr(session.parts.made, name),
         write=lambda window, value: window.mouse.parts.light_to(name, value),
     )
 
@@ -217,13 +210,13 @@ SLIDERS = (
     Slider("tolerance", "Tolerance", lambda value: f"{100 * value:.2g} %", True),
     Slider("lamps", "Lamps", lambda value: f"x {value:.2f}", there=lambda session: session.has_lamps),
     Slider("captured", "Captured", lambda value: f"x {value:.2f}", there=_mixes,
-           read=lambda session: session.lamps.state.captured if session.lamps else 1.0,
-           write=lambda window, value: window.mouse.lamps.dim_to(value)),
+           read=lambda session: session.lamps.state.captured,
+           write=lambda window, value: window.mouse.lamps.do(lambda board: board.dim(value, merge="captured"))),
     Slider("lamp_ev", "Lamp", lambda value: f"{value:+.1f} EV", there=_has_selected,
-           read=lambda session: session.lamps.selected_ev if session.lamps else 0.0,
-           write=lambda window, value: window.mouse.lamps.brighten_to(value)),
+           read=lambda session: session.lamps.selected_ev,
+           write=lambda window, value: window.mouse.lamps.do(lambda board: board.set_selected_ev(value))),
     Slider("part_reach", "Part", lambda value: f"{100 * value:.0f} %", True, _parting,
-           lambda session: session.parts.reach if session.parts else 1.0,
+           lambda session: session.parts.reach,
            lambda window, value: window.mouse.parts.reach_to(value)),
     _part_slider("exposure_ev", "Part's light", lambda value: f"{value:+.2f} EV"),
     _part_slider("warmth", "Its warmth", lambda value: f"{value:+.2f}"),

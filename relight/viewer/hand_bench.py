@@ -4,7 +4,7 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,75 +33,67 @@ Setting: TypeAlias = tuple[int, HandLight]
 class HandBench(Bench[Setting | None, Bytes]):
     """The captured light as a hand sets it.
 
-    message: the text to show, or "". kept: the Setting that was written last, or None.
+    setting: the present Setting; None before it is ready. kept: the one that was written last, or None.
     """
 
     def __init__(
-        self, lights: Callable[[], LightByHand], under_kept_light: Callable[[], SessionRequest] | None = None
+        self,
+        lights: Callable[[], LightByHand],
+        under_kept_light: Callable[[], SessionRequest] | None = None,
+        changed: Callable[[], None] = lambda: None,
     ) -> None:
-        """Arguments as of SessionRequest, `lights` its `hand_source`."""
-        super().__init__(lambda: self._now, self._exactly, self._quickly)
-        self.message, self._source, self._under_kept_light = "", lights, under_kept_light
+        """Arguments as of SessionRequest, `lights` its `hand_source`. changed: called after every change."""
+        super().__init__()
+        self._message, self._source, self._under_kept_light, self._changed = "", lights, under_kept_light, changed
+        self.setting: Setting | None = None
         self.kept: Setting | None = None
         self._relit: Future[SessionRequest] | None = None
-        self._lights: LightByHand | None = None
-        self._coming: Future[LightByHand] | None = None
-        self._now: Setting | None = None
-        self._maps: dict[Any, NDArray[np.uint8]] = {}
 
     @property
-    def ready(self) -> bool:
-        """Whether a light can be set."""
-        return self._lights is not None
+    def wanted(self) -> Setting | None:
+        """As of Bench."""
+        return self.setting
+
+    @property
+    def message(self) -> str:
+        """The text to show, or ""."""
+        return self._message or self.failure
 
     @property
     def offered(self) -> list[SkyAndSun]:
         """The offered lights; none before it is ready."""
-        return [] if self._lights is None else list(self._lights.offered)
-
-    @property
-    def setting(self) -> Setting | None:
-        """The number of the offered light in use and what is set of it; None before it is ready."""
-        return self._now
+        return list(self.made.offered) if self.ready else []
 
     @property
     def number(self) -> int:
         """Number, from 0, of the offered light in use."""
-        return 0 if self._now is None else self._now[0]
+        return 0 if self.setting is None else self.setting[0]
 
     @property
     def hand(self) -> HandLight:
         """What is set."""
-        return HandLight() if self._now is None else self._now[1]
-
-    def prepare(self) -> None:
-        """Start the long work, in the thread."""
-        if not self.ready and self._coming is None:
-            self._coming = self.submit(self._prepared)
+        return HandLight() if self.setting is None else self.setting[1]
 
     def poll(self, rests: bool) -> bool:
         """As of Bench; the lights come first."""
-        if self._coming is not None and self._coming.done():
-            done, self._coming = self._coming, None
-            if error := done.exception():
-                self.message = in_words(error)
-            else:
-                self._lights = done.result()
-                self.choose(self._lights.first)
-        changed = self._now is not None and super().poll(rests)
-        self.message = self.message or self.failure
-        return changed
+        if self.ready and self.setting is None:
+            self.choose(self.made.first)
+        return self.setting is not None and super().poll(rests)
 
     def change(self, **changes: float) -> None:
         """Set fields of the HandLight. Raises InputError for names and numbers that are none."""
-        if self._now is not None:
-            self._now, self.message = (self._now[0], self._now[1].changed(**changes)), ""
+        if self.setting is not None:
+            self._to(self.setting[0], self.setting[1].changed(**changes))
 
     def choose(self, number: int) -> None:
         """Begin anew with an offered light, counted from 0; the numbers wrap around."""
-        if self._lights is not None:
-            number %= len(self._lights.offered)
-            self._now, self.message = (number, self._lights.offered[number].hand), ""
+        if self.ready:
+            number %= len(self.offered)
+            self._to(number, self.offered[number].hand)
+
+    def _to(self, number: int, hand: HandLight) -> None:
+        self.setting, self._message = (number, hand), ""
+        self._changed()
 
     def reset(self) -> None:
         """Begin anew with the offered light in use."""
@@ -117,10 +109,10 @@ class HandBench(Bench[Setting | None, Bytes]):
 
     def keep(self) -> Path | None:
         """Write the light into the folder of the scene; its path, None before there is one. Raises InputError."""
-        if self._lights is None or self._now is None:
+        if self.setting is None:
             return None
-        path = self._lights.keep(*self._now)
-        self.kept = self._now
+        path: Path = self.made.keep(*self.setting)
+        self.kept = self.setting
         if self._under_kept_light is not None:
             self._relit = self.submit(self._under_kept_light)
         return path
@@ -132,27 +124,18 @@ class HandBench(Bench[Setting | None, Bytes]):
         done, self._relit = self._relit, None
         error = done.exception()
         if error is not None:
-            self.message = in_words(error)
+            self._message = in_words(error)
         return None if error is not None else done.result()
-
-    def colors(self, before: Callable[[], NDArray[np.uint8]]) -> NDArray[np.uint8]:
-        """The albedo as sRGB bytes, (V, 3) uint8; `before` it is ready what that returns."""
-        return before() if self.shown is None else self.shown.result
 
     def map_of(self, number: int | None) -> NDArray[np.uint8]:
         """The map of an offered light, or of the present one for None: (MAP_WIDTH / 2, MAP_WIDTH, 3) uint8 sRGB."""
-        key = self._now if number is None else number
-        if key not in self._maps:
-            if len(self._maps) > 2 * len(self.offered) + 8:
-                self._maps.clear()
-            offered = self.offered[self.number if number is None else number]
-            self._maps[key] = light_map(offered.environment(self.hand) if number is None else offered.whole, MAP_WIDTH)
-        return self._maps[key]
+        offered = self.offered[self.number if number is None else number]
+        return light_map(offered.environment(self.hand) if number is None else offered.whole, MAP_WIDTH)
 
     @property
     def figures(self) -> str:
         """What is set, in words."""
-        if self._now is None or self._lights is None:
+        if self.setting is None:
             return ""
         offered, hand = self.offered[self.number], self.hand
         sun = f"sun {hand.height_deg:.0f}\N{DEGREE SIGN} high at {hand.azimuth_deg:.0f}\N{DEGREE SIGN}"
@@ -168,9 +151,9 @@ class HandBench(Bench[Setting | None, Bytes]):
             return "sharp shadows when the light rests"
         if self._relit is not None:
             return "kept: the scene is being relit"
-        return "kept: commands use it" if self.kept == self._now else "press 0 to keep it"
+        return "kept: commands use it" if self.kept == self.setting else "press 0 to keep it"
 
-    def _prepared(self) -> LightByHand:
+    def _prepare(self) -> LightByHand:
         lights = self._source()
         first = lights.first
         lights.albedo(first, lights.offered[first].hand)  # which traces and compiles what a drag needs
@@ -179,9 +162,9 @@ class HandBench(Bench[Setting | None, Bytes]):
     def _exactly(self, setting: Setting | None, _: Check) -> Callable[[], Bytes]:
         return partial(self._bytes, setting, True)
 
-    def _quickly(self, setting: Setting | None, _: Answer[Setting | None, Bytes]) -> Callable[[], Bytes]:
+    def _quickly(self, setting: Setting | None, _: Answer[Setting | None, Bytes] | None) -> Callable[[], Bytes]:
         return partial(self._bytes, setting, False)
 
     def _bytes(self, setting: Setting | None, exact: bool) -> Bytes:
-        assert self._lights is not None and setting is not None  # or nothing is asked
-        return bytes_from_unit(srgb_from_linear(self._lights.albedo(*setting, exact)))
+        assert setting is not None  # or nothing is asked
+        return bytes_from_unit(srgb_from_linear(self.made.albedo(*setting, exact)))

@@ -11,7 +11,7 @@ from ..light.sun_position import toward
 from .camera import ORBIT_DEG
 from .canvas import BAR, CHIP, DARK, DIM, MARGIN, ON, TEXT, Canvas, HotArea
 from .hand_bench import HandBench
-from .pointing import Tool, WindowView
+from .pointing import Drag, Tool, WindowView
 
 SUN_MAP, OFFER = "hand sun", "hand light"
 """Names of the hot areas: the map of the present light, and those of the offered lights, whose number follows."""
@@ -35,24 +35,21 @@ Hot = Callable[..., None]
 
 
 class HandTool(Tool):
-    """The captured light under the mouse and the keys of a Window. pointing: whether clicks point at a shadow."""
+    """The captured light under the mouse and the keys of a Window. clickable: whether clicks point at a shadow."""
 
     name = "hand"
 
     def __init__(self, window: WindowView) -> None:
         super().__init__(window)
-        self.pointing = False
         self._edge: NDArray[np.float64] | None = None
-        self._aims: tuple[float, ...] = ()
+        self._point_at(False)
 
-    @property
-    def clicks(self) -> bool:
-        """Whether clicks on the scene point at shadows."""
-        return self.on and self.pointing
+    def _point_at(self, wanted: bool) -> None:
+        self.clickable, self._edge, self._window.note = wanted, None, EDGE if wanted else ""
 
     def toggle(self) -> None:
         """As of Tool. It begins with the capture left of the line."""
-        self.pointing, self._edge = False, None
+        self._point_at(False)
         super().toggle()
         if self.bench is not None:
             self.bench.prepare()
@@ -60,67 +57,59 @@ class HandTool(Tool):
 
     def next_light(self) -> None:
         """Begin with the next offered light."""
-        if self.on and self.bench.ready:
-            self._window.session.set_hand(lambda bench: bench.choose(bench.number + 1))
+        if self.on:
+            self.bench.choose(self.bench.number + 1)
 
     def ask(self) -> None:
         """Ask for the edge of a shadow and what casts it, or no more."""
         if self.on:
-            self.pointing, self._edge = not self.pointing, None
-            self._window.note = EDGE if self.pointing else ""
+            self._point_at(not self.clickable)
 
     def click(self, x: float, y: float) -> None:
         """Take a click at a pixel: the edge of a shadow, then what casts it."""
-        hit = self.surface_at(x, y)
+        hit, edge = self.surface_at(x, y), self._edge
         if hit is None:
-            self._window.note = "no surface there: " + (EDGE if self._edge is None else CASTER)
-            return
-        if self._edge is None:
+            self._window.note = "no surface there: " + (EDGE if edge is None else CASTER)
+        elif edge is None:
             self._edge, self._window.note = hit[0], CASTER
-            return
-        edge, self._edge, self.pointing, self._window.note = self._edge, None, False, ""
-        self.tried(lambda: self._window.session.set_hand(lambda bench: bench.point(edge, hit[0])))
+        else:
+            self._point_at(False)
+            self.tried(lambda: self.bench.point(edge, hit[0]))
 
-    def grip(self, hot: HotArea | None, x: float, y: float) -> bool:
+    def grip(self, hot: HotArea | None, x: float, y: float) -> Drag | None:
         """Take a press on one of its maps."""
-        if hot is not None and hot.name == SUN_MAP:
-            self.holds, self._aims = True, hot.box
-            self.drag(x, y, False)
-        elif hot is not None and hot.name.startswith(OFFER):
-            number = int(hot.name.removeprefix(OFFER))
-            self._window.session.set_hand(lambda bench: bench.choose(number))
-        return hot is not None and hot.name.startswith((SUN_MAP, OFFER))
+        if hot is None or not hot.name.startswith((SUN_MAP, OFFER)):
+            return None
+        if hot.name != SUN_MAP:
+            self.bench.choose(int(hot.name.removeprefix(OFFER)))
+            return lambda *_: None
+        left, base, width, height = hot.box
 
-    def drag(self, x: float, y: float, shift: bool) -> None:
-        """Put the sun where a pixel of the map is."""
-        left, base, width, height = self._aims
-        longitude = math.pi * (1.0 - 2.0 * (x - left) / width)
-        height_deg = 180.0 * (y - base) / height - 90.0
-        level = (math.sin(longitude), 0.0, math.cos(longitude))
-        azimuth = math.degrees(math.atan2(level[0], -level[2]))
-        changes = {"azimuth_deg": azimuth, "height_deg": max(height_deg, LOWEST_DEG)}
-        self._window.session.set_hand(lambda bench: bench.change(**changes))
+        def drag(x: float, y: float, _: bool) -> None:
+            longitude = math.pi * (1.0 - 2.0 * (x - left) / width)
+            azimuth_deg = math.degrees(math.atan2(math.sin(longitude), -math.cos(longitude)))
+            height_deg = max(180.0 * (y - base) / height - 90.0, LOWEST_DEG)
+            self.bench.change(azimuth_deg=azimuth_deg, height_deg=height_deg)
+
+        drag(x, y, False)
+        return drag
 
     def turn(self, right: float, up: float) -> None:
         """Move the sun by a drag in the picture, in heights of the window."""
         hand = self.bench.hand
-        changes = {
-            "azimuth_deg": hand.azimuth_deg - ORBIT_DEG * right,
-            "height_deg": hand.height_deg + ORBIT_DEG / 2.0 * up,
-        }
-        self._window.session.set_hand(lambda bench: bench.change(**changes))
+        azimuth_deg, height_deg = hand.azimuth_deg - ORBIT_DEG * right, hand.height_deg + ORBIT_DEG / 2.0 * up
+        self.bench.change(azimuth_deg=azimuth_deg, height_deg=height_deg)
 
     def keep(self) -> None:
         """Write the light into the folder of the scene; show where, or why not."""
-        if not self.on:
-            return
 
         def keep() -> None:
             path = self.bench.keep()
             if path is not None:
                 self._window.note = f"kept in {path}: commands use it from now on"
 
-        self.tried(keep)
+        if self.on:
+            self.tried(keep)
 
 
 def place_on_map(azimuth_deg: float, height_deg: float) -> tuple[float, float]:
@@ -142,7 +131,7 @@ def draw_hand(canvas: Canvas, bench: HandBench, top: float, hot: Hot) -> None:
     low = base - GAP - len(names) * small
     canvas.rectangle(LEFT - 8, low, wide + 16, top - low, BAR)
     canvas.text(LEFT, base + height + 5, "captured light: drag its sun", TEXT)
-    _map(canvas, present, LEFT, base, LARGE)
+    canvas.picture(LEFT, base, LARGE, present)
     right, up = place_on_map(bench.hand.azimuth_deg, bench.hand.height_deg)
     if bench.hand.sun_share > 0.0:
         x, y = LEFT + right * width, base + up * height
@@ -154,7 +143,7 @@ def draw_hand(canvas: Canvas, bench: HandBench, top: float, hot: Hot) -> None:
         shown, used = bench.map_of(number), number == bench.number
         across, tall = CELL * shown.shape[1], CELL * shown.shape[0]
         canvas.rectangle(LEFT - 2, base - 2, across + 4, tall + 4, ON if used else CHIP)
-        _map(canvas, shown, LEFT, base, CELL)
+        canvas.picture(LEFT, base, CELL, shown)
         canvas.text(LEFT + across + GAP, base + tall / 2 - 4, name, TEXT if used else DIM)
         hot((LEFT - 2, base - 2, wide, tall + 4), f"{OFFER}{number}")
 
@@ -165,16 +154,3 @@ def _name(bench: HandBench, number: int) -> str:
         return f"{number + 1}  {entry.name}"
     share = 100.0 * entry.share
     return f"{number + 1}  {entry.name}, " + (f"{share:.0f} %" if share >= 0.5 else "below 1 %")
-
-
-def _map(canvas: Canvas, shown: NDArray[np.uint8], left: float, base: float, cell: float) -> None:
-    """Draw a map, (rows, columns, 3) uint8, as runs of one colour along its rows."""
-    rows, columns = shown.shape[:2]
-    for row in range(rows):
-        start = 0
-        for column in range(1, columns + 1):
-            if column == columns or (shown[row, column] != shown[row, start]).any():
-                red, green, blue = (int(each) for each in shown[row, start])
-                place = left + start * cell, base + (rows - 1 - row) * cell
-                canvas.rectangle(*place, (column - start) * cell, cell, (red, green, blue, 255))
-                start = column

@@ -11,13 +11,12 @@ from splat2mesh.base.arrays import Triple
 from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
 
 from ..lamps.color import TEMPERATURES, parse_color
-from .lamp_board import bulb_at, place_of
-from .pointing import Tool, WindowView
+from .lamps import LampBoard, place_of
+from .pointing import Drag, Tool, WindowView
 from .recording import free_name
 
 if TYPE_CHECKING:
     from .canvas import HotArea
-    from .request import LampSource
 
 OFF_M = 0.3
 """Distance of a new lamp from the surface in metres; half of the free distance if that is less than twice this."""
@@ -38,17 +37,6 @@ class Mark(NamedTuple):
     selected: bool
 
 
-class LampGrip(NamedTuple):
-    """A lamp being dragged. base: pixels from the pointer to the surface near it. off: distance from that surface,
-    scene units; None without one. depth: of the lamp, along the view. shift: pixels from the pointer to it."""
-
-    number: int
-    base: tuple[float, float] | None
-    off: float
-    depth: float
-    shift: tuple[float, float]
-
-
 class LampTool(Tool):
     """Lamps under the mouse and the keys of a Window. path: the file of the last save, or None."""
 
@@ -57,7 +45,6 @@ class LampTool(Tool):
     def __init__(self, window: WindowView) -> None:
         super().__init__(window)
         self.path: Path | None = None
-        self._grip: LampGrip | None = None
         self._used = False
 
     def marks(self) -> list[Mark]:
@@ -86,63 +73,52 @@ class LampTool(Tool):
             return
         place, normal = hit
         off = min(OFF_M * self._metre, self._free(place, normal) / 2.0)
-        asked = bulb_at(self.in_splat(place + off * normal))
-        self._do(lambda: self.bench.add(asked))
+        asked = ",".join(repr(each) for each in self.in_splat(place + off * normal))
+        self.do(lambda board: board.add(asked))
 
-    def grip(self, hot: "HotArea | None", x: float, y: float) -> bool:
-        """Start to drag the lamp of a mark, and select it."""
+    def grip(self, hot: "HotArea | None", x: float, y: float) -> Drag | None:
+        """Select the lamp of a mark, and start to drag it: along the surfaces, or with shift in the picture's plane."""
         if hot is None or hot.lamp is None:
-            return False
-        number, board = hot.lamp, self.bench
+            return None
+        number, board, window = hot.lamp, self.bench, self._window
         board.select(number)
         board.timeline.end_merge()
         at = self.in_scene(place_of(board.asked(number)))
         seen = self._seen_at(at)
         if seen is None:
-            return True
-        base = self._window.caster.closest(at[None].astype(np.float32)).points[0]
-        found, off = self._seen_at(base), float(np.linalg.norm(base - at))
-        shift = None if found is None else (found[0] - x, found[1] - y)
-        depth = float((self._window.orbit.eye - at) @ self._window.orbit.axes[2])
-        self._grip = LampGrip(number, shift, off, depth, (seen[0] - x, seen[1] - y))
-        self.holds = True
-        return True
+            return lambda *_: None
+        base = window.caster.closest(at[None].astype(np.float32)).points[0]
+        found, off = self._seen_at(base), float(np.linalg.norm(base - at))  # the surface nearby, and how far it is
+        depth = float((window.orbit.eye - at) @ window.orbit.axes[2])
 
-    def drag(self, x: float, y: float, shift: bool) -> None:
-        """Move the dragged lamp to a pixel: along the surfaces, or with shift in the plane of the picture."""
-        grip, board = self._grip, self.bench
-        if grip is None or board.state.of(grip.number) is None:
-            return
-        hit = None if shift or grip.base is None else self.surface_at(x + grip.base[0], y + grip.base[1])
-        if hit is None:
-            eye, direction = self._window.orbit.ray(x + grip.shift[0], y + grip.shift[1], self._window.size)
-            place = eye + direction * (grip.depth / float(-direction @ self._window.orbit.axes[2]))
-        else:
-            place, normal = hit
-            place = place + min(grip.off, self._free(place, normal) / 2.0) * normal
-        self._do(lambda: board.move(grip.number, self.in_splat(place), merge=("drag", grip.number)))
+        def drag(to_x: float, to_y: float, shift: bool) -> None:
+            if board.state.of(number) is None:
+                return
+            right, up = to_x - x, to_y - y
+            hit = None if shift or found is None else self.surface_at(found[0] + right, found[1] + up)
+            if hit is None:
+                eye, direction = window.orbit.ray(seen[0] + right, seen[1] + up, window.size)
+                place = eye + direction * (depth / float(-direction @ window.orbit.axes[2]))
+            else:
+                place, normal = hit
+                place = place + min(off, self._free(place, normal) / 2.0) * normal
+            self.do(lambda board: board.move(number, self.in_splat(place), merge=("drag", number)))
+
+        return drag
 
     def next_color(self) -> None:
         """Give the selected lamp the next colour."""
-        number = self._selected()
-        if number is not None:
-            now, colors = self.bench.asked(number).color, [parse_color(name) for name in COLORS]
+
+        def change(board: LampBoard, number: int) -> None:
+            now, colors = board.asked(number).color, [parse_color(name) for name in COLORS]
             name = COLORS[(colors.index(now) + 1) % len(COLORS)] if now in colors else COLORS[0]
-            self._do(lambda: self.bench.change(number, color=name))
+            board.change(number, color=name)
+
+        self._to_selected(change)
 
     def remove(self) -> None:
         """Remove the selected lamp."""
-        number = self._selected()
-        if number is not None:
-            self._do(lambda: self.bench.remove(number))
-
-    def dim_to(self, factor: float) -> None:
-        """Set the factor on the captured light, by a slider."""
-        self._do(lambda: self.bench.dim(factor, merge="captured"))
-
-    def brighten_to(self, value: float) -> None:
-        """Set the brightness of the selected lamp in EV, by a slider."""
-        self._do(lambda: self.bench.set_selected_ev(value))
+        self._to_selected(LampBoard.remove)
 
     def step_back(self, again: bool = False) -> None:
         """Undo or redo; show a message if there is nothing."""
@@ -153,13 +129,13 @@ class LampTool(Tool):
             self._window.note = f"nothing to {'redo' if again else 'undo'}"
         self._used = True
 
-    def save(self, path: "Path | str | None" = None) -> None:
-        """Save the lamps, by default to the file of the last save, else under the first free name in this folder."""
+    def save(self) -> None:
+        """Save the lamps: to the file of the last save, else under the first free name in this folder."""
         board = self.bench
         if board is None:
             self._window.note = "the lamps of this session cannot be changed: open it by relight SCENE --view"
             return
-        path = Path(path) if path else self.path or (free_name(OTHER_FILES) if Path(FILE).exists() else Path(FILE))
+        path = self.path or (free_name(OTHER_FILES) if Path(FILE).exists() else Path(FILE))
 
         def save() -> None:
             board.save(path)
@@ -173,39 +149,32 @@ class LampTool(Tool):
         if self._used and board is not None and board.unsaved and board.state.lamps:
             self.save()
 
-    def _do(self, change: Callable[[], object]) -> None:
+    def do(self, change: Callable[[LampBoard], object]) -> None:
+        """Change the lamps, or the captured light; show a message if that is refused."""
         self._used = True
-        self.tried(change)
+        self.tried(lambda: change(self.bench))
 
-    def _selected(self) -> int | None:
-        board = self.bench
-        number = None if board is None else board.selected
+    def _to_selected(self, change: Callable[[LampBoard, int], None]) -> None:
+        number = None if self.bench is None else self.bench.selected
         if number is None:
             self._window.note = "no lamp is selected: press t, then click a lamp"
-        return number
+        else:
+            self.do(lambda board: change(board, number))
 
     # Positions: pixels, the frame of the scene, the frame of the splat
 
     @property
-    def _source(self) -> "LampSource":
-        bench = self._window.session.bench
-        assert bench is not None
-        return bench.source
-
-    @property
     def _metre(self) -> float:
         """In units of the scene."""
+        assert self._window.session.bench is not None
         scale = float(np.cbrt(abs(np.linalg.det(self._motion[:3, :3])))) or 1.0
-        return float(self._source.scale().metre) * scale
+        return float(self._window.session.bench.source.mix.scale.metre) * scale
 
     def _seen_at(self, place: NDArray[np.float64]) -> tuple[float, float] | None:
         """The pixel of a position, from the lower left; None behind the eye."""
-        orbit, (width, height) = self._window.orbit, self._window.size
-        right, up, backward = orbit.axes @ (place - orbit.eye)
-        if backward >= 0.0:
-            return None
-        focal = orbit.focal(self._window.size)
-        return width / 2 - focal * right / backward, height / 2 - focal * up / backward
+        size = self._window.size
+        ((x, y),), (depth,) = self._window.orbit.view(size).project(place[None])
+        return (float(x), size[1] - float(y)) if depth > 0.0 else None
 
     def _free(self, place: NDArray[np.float64], normal: NDArray[np.float64]) -> float:
         """Distance from a surface along its normal to the next surface."""

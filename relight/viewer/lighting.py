@@ -9,6 +9,7 @@ import time
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -132,7 +133,7 @@ class SessionLighting:
         self.scene, self.stages = scene, stages
         self.step: tuple[str, Any] | None = None
         self._options = options
-        self._relighters: dict[tuple[str, float], Relighter] = {}
+        self._relighter_of = lru_cache(SPARE)(self._new_relighter)
         self._relighter = Relighter(scene, self._options, stages=stages, cache=cache)
         self._foliage = self._relighter.precomputed.foliage
         self._loaded: tuple[str, Environment] | None = None
@@ -144,7 +145,7 @@ class SessionLighting:
         """Yield (kind, key, payload) for each result that the wish needs and that was not yielded before.
 
         Kinds in order: "unshadowed" ((V, K) float32), "light" (SessionLight), "transfer" ((V, K)), "shading"
-        (FinishedShading), "bounced" ((V, K', 3) float32: bounced light per coefficient), "error" (float). The receiver
+        (FinishedShading), "bounced" ((3, V, K') float32: bounced light per coefficient), "error" (float). The receiver
         needs only the last result of each kind. Raises InputError for a light that cannot be read.
         """
         for kind, key in keys(wish).items():
@@ -204,7 +205,8 @@ class SessionLighting:
 
         plain = relighter.precomputed.transfer(plan.settings)[0][:, : SPREAD_BANDS**2]
         bounced, _ = transfer_with_bounces(plain, albedo, relighter.precomputed.interreflection(rays, plain))
-        return bounced - plain[:, :, None] * np.asarray(albedo, np.float32)[:, None, :]
+        added = bounced - plain[:, :, None] * np.asarray(albedo, np.float32)[:, None, :]
+        return np.ascontiguousarray(np.moveaxis(added, 2, 0))
 
     def _error(self, wish: LightWish) -> float:
         environment, albedo = self._environment(wish), self.albedos[wish.albedo]
@@ -237,15 +239,12 @@ class SessionLighting:
 
         All relighters share their traced results.
         """
-        way = wish.method, wish.tolerance
-        if way not in self._relighters:
-            while len(self._relighters) >= SPARE:
-                self._relighters.pop(next(iter(self._relighters)))
-            options = replace(self._options, method=wish.method, tolerance=wish.tolerance)
-            shared = self._relighter.precomputed
-            self._relighters[way] = Relighter(self.scene, options, stages=self.stages, precomputed=shared)
-        relighter = self._relighters[way]
+        relighter: Relighter = self._relighter_of(wish.method, wish.tolerance)
         return relighter, relighter.plan_for(self._environment(wish), self.albedos[wish.albedo])
+
+    def _new_relighter(self, method: str, tolerance: float) -> Relighter:
+        options = replace(self._options, method=method, tolerance=tolerance)
+        return Relighter(self.scene, options, stages=self.stages, precomputed=self._relighter.precomputed)
 
     def _environment(self, wish: LightWish) -> Environment:
         """The rotated Environment of a wish. The last one stays loaded."""

@@ -24,15 +24,24 @@ LitPoses: TypeAlias = tuple[AskedInserts, Hashable]
 
 
 class ObjectBench(Bench[LitPoses, "InsertedLight"]):
-    """The objects of a session. source: the ObjectSource. timeline: undoes changes of their poses."""
+    """The objects of a session. source: the ObjectSource. timeline: undoes changes of their poses. key: returns what
+    identifies the light on them. under: returns that light; None while it is unknown."""
 
-    def __init__(self, source: ObjectSource, timeline: Timeline | None = None) -> None:
-        super().__init__(lambda: (self.placed, self._key), self._exactly, self._quickly)
-        self.source = source
-        self.timeline = timeline or Timeline()
-        self.timeline.begin("objects", tuple(source.asked))
-        self._key: Hashable = None
-        self._under: Callable[[], ObjectsUnder] | None = None
+    def __init__(
+        self,
+        source: ObjectSource,
+        timeline: Timeline,
+        key: Callable[[], Hashable],
+        under: Callable[[], ObjectsUnder | None],
+    ) -> None:
+        super().__init__()
+        self.source, self.timeline, self._key, self._under = source, timeline, key, under
+        self.timeline.begin("objects", tuple(source.inserts.asked))
+
+    @property
+    def wanted(self) -> LitPoses:
+        """As of Bench."""
+        return self.placed, self._key()
 
     @property
     def placed(self) -> AskedInserts:
@@ -63,18 +72,14 @@ class ObjectBench(Bench[LitPoses, "InsertedLight"]):
         if new != old:
             self.timeline.to("objects", (*self.placed[:number], new, *self.placed[number + 1 :]), merge)
 
-    def lit(self, under: Callable[[], ObjectsUnder] | None, key: Hashable, rests: bool) -> bool:
-        """`poll` in a light. under: returns it; None while it is unknown. key: identifies it. rests: whether input and
-        light are at rest."""
-        self._key, self._under = key, under
-        return self.poll(rests)
-
     def _exactly(self, state: LitPoses, check: Check) -> "Callable[[], InsertedLight] | None":
-        return None if self._under is None else partial(self.source.exact, state[0], self._under(), check)
+        under = self._under()
+        return None if under is None else partial(self.source.exact, state[0], under, check)
 
     def _quickly(
-        self, state: LitPoses, known: "Answer[LitPoses, InsertedLight]"
+        self, state: LitPoses, known: "Answer[LitPoses, InsertedLight] | None"
     ) -> "Callable[[], InsertedLight] | None":
         """Objects that have moved, in the light that they had."""
-        moved = self._under is not None and state[0] != known.state[0]
-        return partial(self.source.glimpse, state[0], known.result) if moved else None
+        if known is None or state[0] == known.state[0]:
+            return None
+        return partial(self.source.inserts.moved(state[0]).glimpse, known.result)

@@ -1,14 +1,14 @@
 """The text on the window: buttons, sliders, figures and help, redrawn when one of them changes."""
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..output.kinds import PICTURE_SIZE
 from ..planning.decide import SAMPLE_VERTICES
 from ..transfer.settings import BOUNCES, SUN
-from .canvas import BAR, CHIP, DARK, DIM, HANDLE, IDLE, KEY, MARGIN, ON, TEXT, WARNING, Canvas, HotArea
+from .canvas import BAR, CHIP, DARK, DIM, HANDLE, IDLE, MARGIN, ON, TEXT, WARNING, Canvas, HotArea
 from .controls import CONTROLS, MOUSE, SLIDERS, Control, Slider, key_name
 from .hand_tool import draw_hand
 from .lighting import STAGES, FinishedShading
@@ -50,20 +50,12 @@ def bars_of(size: tuple[int, int]) -> tuple[float, float]:
     return scale * TOP / size[1], scale * BOTTOM / size[1]
 
 
-class Panel:
-    """All text over the scene.
+class Panel(Canvas):
+    """All text over the scene. hot: list of HotArea, the topmost first."""
 
-    hot: list of HotArea, the topmost first.
-    """
-
-    def __init__(self, renderer: Any) -> None:
-        self._canvas = Canvas(renderer)
+    def __init__(self) -> None:
+        super().__init__()
         self.hot: list[HotArea] = []
-
-    @property
-    def boxes(self) -> dict:
-        """Where each text stands: dict of (text, x, y) -> (left, bottom, width, height) in pixels, as drawn."""
-        return self._canvas.boxes
 
     def draw(
         self,
@@ -76,10 +68,10 @@ class Panel:
         """Update the panel; return whether it changed. size: width, height of the window. note: a line of its own.
         marks: of lamps. bare: nothing but the split line."""
         panel = session.state.panel and not bare
-        self.hot = []
+        self.hot, before = [], self.contents
         width, height = size
         scale = scale_of(size)
-        self._canvas.clear(scale)
+        self.clear(scale)
         units = width / scale, height / scale
         if session.state.split:
             self._split(session, units, panel)
@@ -91,29 +83,29 @@ class Panel:
             if session.state.help:
                 self._help(session, units)
             elif session.uses("hand") and session.hand is not None:
-                draw_hand(self._canvas, session.hand, units[1] - TOP, self._hot)
-        return self._canvas.show()
+                draw_hand(self, session.hand, units[1] - TOP, self._hot)
+        return before != self.contents
 
     def _top(self, session: "Session", units: Units) -> None:
         width, height = units
         base = height - TOP
-        self._canvas.rectangle(0, base, width, TOP, BAR)
+        self.rectangle(0, base, width, TOP, BAR)
         right = width - MARGIN
         for control in reversed([control for control in CONTROLS if control.row == "modes"]):
             right -= self._chip(session, control, right, base + 12, from_right=True) + _GAP
         count = sum(len(chunk.vertices) for chunk in session.scene.chunks)
-        self._canvas.text(MARGIN, base + 27, session.name, TEXT, KEY)
+        self.text(MARGIN, base + 27, session.name, TEXT)
         lit = session.answers.lit
         facts = f"{count:,} vertices" + (f", {lit.settings}" if lit else "")
-        self._canvas.text(MARGIN, base + 10, self._canvas.fitted(facts, right - 2 * MARGIN), DIM)
+        self.text(MARGIN, base + 10, self.fitted(facts, right - 2 * MARGIN), DIM)
         progress = session.answers.progress
         if progress and not session.settled:
             share = progress[1] if progress[1] is not None else 1.0
-            self._canvas.rectangle(0, base - 2, width * share, 2, ON if progress[1] is not None else CHIP)
+            self.rectangle(0, base - 2, width * share, 2, ON if progress[1] is not None else CHIP)
 
     def _bottom(self, session: "Session", units: Units, note: str) -> None:
         width, _ = units
-        self._canvas.rectangle(0, 0, width, BOTTOM, BAR)
+        self.rectangle(0, 0, width, BOTTOM, BAR)
         hand = session.uses("hand")
         self._curve(session, width - MARGIN - CURVE[0], BOTTOM + 60)
         sliders = [slider for slider in SLIDERS if slider.there(session) and slider.of_hand == hand]
@@ -128,20 +120,20 @@ class Panel:
         notice = session.answers.message or session.failure or session.notice
         if hand and session.hand is not None:
             figures, follows, notice = session.hand.figures, session.hand.follows, session.hand.message
-        warning = note or notice or (session.splats.failure if session.splats else "")
+        warning = note or notice or (session.splats.message if session.splats else "")
         if warning:
             follows, color = warning, WARNING
         else:
             color = DIM
         room = width - 2 * MARGIN
         self._plate(MARGIN, BOTTOM + 8, figures, TEXT)
-        self._plate(MARGIN, BOTTOM + 30, self._canvas.fitted(follows, room), color)
+        self._plate(MARGIN, BOTTOM + 30, self.fitted(follows, room), color)
 
     def _plate(self, left: float, base: float, string: str, color: tuple[int, ...]) -> None:
         """A line of text on a separate plate, over the scene."""
         if string:
-            self._canvas.rectangle(left - 8, base, self._canvas.width(string) + 16, 20, BAR)
-            self._canvas.text(left, base + 5, string, color)
+            self.rectangle(left - 8, base, self.width(string) + 16, 20, BAR)
+            self.text(left, base + 5, string, color)
 
     def _slider(self, session: "Session", slider: Slider, left: float, base: float, width: float) -> None:
         low, high = RANGES[slider.field]
@@ -149,21 +141,20 @@ class Panel:
         value = min(max(value, low), high)
         to, back = (np.log, np.exp) if slider.logarithmic else (float, float)
         share = (to(value) - to(low)) / (to(high) - to(low))
-        self._canvas.text(left, base + 16, slider.text, DIM)
+        self.text(left, base + 16, slider.text, DIM)
         text = slider.show(value)
-        self._canvas.text(left + width - self._canvas.width(text), base + 16, text, TEXT)
-        self._canvas.rectangle(left, base + 4, width, 3, CHIP)
+        self.text(left + width - self.width(text), base + 16, text, TEXT)
+        self.rectangle(left, base + 4, width, 3, CHIP)
         if slider.field == "exposure_ev":
             middle = left + width / 2
             start, end = sorted((middle, left + width * share))
-            self._canvas.rectangle(start, base + 4, end - start, 3, ON)
+            self.rectangle(start, base + 4, end - start, 3, ON)
         else:
-            self._canvas.rectangle(left, base + 4, width * share, 3, ON)
-        self._canvas.rectangle(left + (width - 6) * share, base - 1, 6, 13, HANDLE)
-        scale = self._canvas.scale
+            self.rectangle(left, base + 4, width * share, 3, ON)
+        self.rectangle(left + (width - 6) * share, base - 1, 6, 13, HANDLE)
 
-        def value_at(x: float, y: float) -> float:
-            place = min(max((x / scale - left - 3) / (width - 6), 0.0), 1.0)
+        def value_at(x: float) -> float:
+            place = min(max((x - left - 3) / (width - 6), 0.0), 1.0)
             # A full turn equals no turn, so the right end stops just short of it.
             place = min(place, 1.0 - 1e-6) if slider.field == "angle_deg" else place
             return float(back(to(low) + place * (to(high) - to(low))))
@@ -172,39 +163,38 @@ class Panel:
 
     def _curve(self, session: "Session", left: float, base: float) -> None:
         """What tolerances cost on this scene under this light: seconds upwards, both logarithmic; a click takes one."""
-        state, newest, (low, high) = session.state, session.answers.newest("shading"), RANGES["tolerance"]
-        if newest is None or state.mode != "relit" or session.uses("hand") or state.help:
+        state, (key, shading), (low, high) = session.state, session.answers.newest("shading"), RANGES["tolerance"]
+        if shading is None or state.mode != "relit" or session.uses("hand") or state.help:
             return
-        lit: FinishedShading = newest[1]
+        lit: FinishedShading = shading
         points = [point for point in lit.curve if low <= point[1] <= high]
         if len(points) < 2:
             return
         width, height = CURVE
-        self._canvas.rectangle(left, base, width, height, BAR)
-        self._canvas.text(left + 8, base + height - 18, f"planned {lit.planned:.2g} s", DIM)
+        self.rectangle(left, base, width, height, BAR)
+        self.text(left + 8, base + height - 18, f"planned {lit.planned:.2g} s", DIM)
         spread = np.log(points[-1][0] / points[0][0])
         for seconds, tolerance, size, color in (
             *((*point, 3, HANDLE) for point in points),
-            (lit.planned, newest[0][1], 7, ON),
+            (lit.planned, key[1], 7, ON),
         ):
             x = left + 8 + (width - 16) * np.log(tolerance / low) / np.log(high / low)
             y = base + 8 + (height - 36) * np.clip(np.log(seconds / points[0][0]) / spread, 0.0, 1.0)
-            self._canvas.rectangle(x - size / 2, y - size / 2, size, size, color)
-        scale = self._canvas.scale
+            self.rectangle(x - size / 2, y - size / 2, size, size, color)
 
-        def tolerance_at(x: float, y: float) -> float:
-            return float(low * (high / low) ** np.clip((x / scale - left - 8) / (width - 16), 0.0, 1.0))
+        def tolerance_at(x: float) -> float:
+            return float(low * (high / low) ** np.clip((x - left - 8) / (width - 16), 0.0, 1.0))
 
         self._hot((left, base, width, height), "tolerance", tolerance_at)
 
     def _chip(self, session: "Session", control: Control, place: float, base: float, from_right: bool = False) -> float:
         """A button; returns its width."""
         text, lit = control.chip(session) if control.chip else "", control.lit(session)
-        text = self._canvas.fitted(text, _CHIP_ROOM)
-        width = self._canvas.width(text) + 18
+        text = self.fitted(text, _CHIP_ROOM)
+        width = self.width(text) + 18
         left = place - width if from_right else place
-        self._canvas.rectangle(left, base, width, 24, ON if lit == 1 else IDLE if lit else CHIP)
-        self._canvas.text(left + 9, base + 6, text, DARK if lit == 1 else TEXT)
+        self.rectangle(left, base, width, 24, ON if lit == 1 else IDLE if lit else CHIP)
+        self.text(left + 9, base + 6, text, DARK if lit == 1 else TEXT)
         self._hot((left, base, width, 24), control.key)
         return width
 
@@ -212,30 +202,28 @@ class Panel:
         width, height = units
         x = session.state.split_at * width
         low, high = (BOTTOM, height - TOP) if panel else (0, height)
-        self._canvas.rectangle(x - 1, low, 2, high - low, HANDLE)
+        self.rectangle(x - 1, low, 2, high - low, HANDLE)
         middle = (low + high) / 2
-        self._canvas.rectangle(x - 4, middle - 18, 8, 36, HANDLE)
-        scale = self._canvas.scale
+        self.rectangle(x - 4, middle - 18, 8, 36, HANDLE)
         if panel:
             after = "albedo" if session.uses("hand") else "relit"
-            for text, left in (("captured", x - 14 - self._canvas.width("captured")), (after, x + 14)):
-                if left > 8 and left + self._canvas.width(text) < width - 8:
-                    self._canvas.rectangle(left - 7, high - 34, self._canvas.width(text) + 14, 20, BAR)
-                    self._canvas.text(left, high - 29, text, TEXT)
-        self._hot((x - 8, low, 16, high - low), "split_at", lambda at, _: at / scale / width)
+            for text, left in (("captured", x - 14 - self.width("captured")), (after, x + 14)):
+                if left > 8 and left + self.width(text) < width - 8:
+                    self.rectangle(left - 7, high - 34, self.width(text) + 14, 20, BAR)
+                    self.text(left, high - 29, text, TEXT)
+        self._hot((x - 8, low, 16, high - low), "split_at", lambda at: at / width)
 
     def _mark(self, mark: "Mark") -> None:
         """A lamp: a square of its colour in a dark frame, a bright one where it is selected."""
-        x, y = mark.x / self._canvas.scale, mark.y / self._canvas.scale
+        x, y = mark.x / self.scale, mark.y / self.scale
         for half, color in (
             (_MARK + 3, HANDLE if mark.selected else BAR),
             (_MARK + 1, BAR),
             (_MARK, (*mark.color, 255)),
         ):
-            self._canvas.rectangle(x - half, y - half, 2 * half, 2 * half, color)
+            self.rectangle(x - half, y - half, 2 * half, 2 * half, color)
         half = _MARK + 6
-        box = tuple(self._canvas.scale * number for number in (x - half, y - half, 2 * half, 2 * half))
-        self.hot.insert(0, HotArea(box, "lamp", None, mark.number))
+        self._hot((x - half, y - half, 2 * half, 2 * half), "lamp", lamp=mark.number)
 
     def _help(self, session: "Session", units: Units) -> None:
         width, height = units
@@ -244,17 +232,29 @@ class Panel:
         left, base = (width - _HELP_WIDTH) / 2, BOTTOM + 60
         tall = height - TOP - base
         step = (tall - 2 * MARGIN) / half
-        self._canvas.rectangle(left, base, _HELP_WIDTH, tall, (*BAR[:3], 240))
+        self.rectangle(left, base, _HELP_WIDTH, tall, (*BAR[:3], 240))
         columns = (rows[:half], 16, 62), (rows[half:], 400, 470)
         for part, key_at, text_at in columns:
             for row, (key, text) in enumerate(part):
                 y = base + tall - MARGIN - (row + 1) * step + 6
-                self._canvas.text(left + key_at, y, key, ON[:3], KEY)
-                self._canvas.text(left + text_at, y, text, TEXT)
+                self.text(left + key_at, y, key, ON[:3])
+                self.text(left + text_at, y, text, TEXT)
 
-    def _hot(self, box: tuple[float, ...], name: str, value: Callable[[float, float], float] | None = None) -> None:
-        box = tuple(self._canvas.scale * number for number in box)
-        self.hot.insert(0, HotArea(box, name, value))
+    def _hot(
+        self,
+        box: tuple[float, ...],  # units
+        name: str,
+        value: Callable[[float], float] | None = None,  # at a place across the window, in units
+        lamp: int | None = None,
+    ) -> None:
+        scale = self.scale
+
+        def at(x: float, _: float) -> float:
+            assert value is not None
+            return value(x / scale)
+
+        area = HotArea(tuple(scale * each for each in box), name, None if value is None else at, lamp)
+        self.hot.insert(0, area)
 
 
 def status(session: "Session") -> tuple[str, str]:
@@ -266,19 +266,17 @@ def status(session: "Session") -> tuple[str, str]:
         label, share = progress
         follows += (" \N{MIDDLE DOT} " if follows else "") + STAGES.get(label, label)
         follows += f" {100 * share:.0f} %" if share is not None else ""
-    return "   ".join(_figures(session)), follows
-
-
-def _figures(session: "Session") -> list[str]:
-    figures, lit = [], session.answers.lit
-    if session.answers.error is not None and session.state.mode == "relit":
+    figures, lit, error = [], session.answers.lit, session.answers.error
+    if error is not None and session.state.mode == "relit":
         planned = f", planned {100 * lit.predicted:.2g} %" if lit is not None and lit.predicted is not None else ""
-        figures.append(f"error {100 * session.answers.error:.2g} %{planned} (traced at {SAMPLE_VERTICES} vertices)")
+        figures.append(f"error {100 * error:.2g} %{planned} (traced at {SAMPLE_VERTICES} vertices)")
     if session.light_seconds is not None:
         figures.append(f"light {1e3 * session.light_seconds:.1f} ms")
     if lit is not None and {SUN, BOUNCES} & session.effects:
-        figures.append(f"with {_parts(session, lit)} {1e3 * lit.seconds:.0f} ms")
-    return figures
+        counts = (lit.sun_count, "sun"), (len(lit.bounces), "bounce")
+        parts = [f"{count} {word}" + "s" * (count > 1) for count, word in counts if count]
+        figures.append(f"with {', '.join(parts) or 'nothing to add'} {1e3 * lit.seconds:.0f} ms")
+    return "   ".join(figures), follows
 
 
 def _follows(session: "Session") -> str:
@@ -291,9 +289,3 @@ def _follows(session: "Session") -> str:
     if session.waiting_for:
         return f"{session.waiting_for} " + ("when the light rests" if state.turning else "on the way")
     return ""
-
-
-def _parts(session: "Session", lit: FinishedShading) -> str:
-    parts = [f"{lit.sun_count} suns" if lit.sun_count != 1 else "1 sun"] if lit.sun_count else []
-    parts += [f"{len(lit.bounces)} bounce" + "s" * (len(lit.bounces) > 1)] if lit.bounces else []
-    return ", ".join(parts) or "nothing to add"

@@ -2,71 +2,73 @@
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Protocol
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from splat2mesh.base.arrays import Triple
 from splat2mesh.base.errors import InputError
+from splat2mesh.render.raycaster import RayCaster
 
 if TYPE_CHECKING:
-    from splat2mesh.render.raycaster import RayCaster
-
     from .camera import Orbit
     from .canvas import HotArea
     from .session import Session
 
 
-class WindowView(Protocol):
-    """What keys, mouse, tools and recordings use of a `window.Window`, which documents it."""
+Drag = Callable[[float, float, bool], None]
+"""What a mouse does that moves with a button down: x, y in pixels from the lower left, and whether shift is down."""
+
+
+class WindowView:
+    """A window on a scene, as tools know it. session: the Session. plotter: the pyvista.Plotter. orbit: the camera.
+    note: a line of the window's own."""
 
     session: "Session"
+    plotter: Any
     orbit: "Orbit"
-    mouse: Any
-    panel: Any
     note: str
 
     @property
-    def size(self) -> tuple[int, int]: ...
+    def size(self) -> tuple[int, int]:
+        """Present width and height in pixels."""
+        width, height = self.plotter.render_window.GetSize()
+        return width, height
 
     @property
-    def caster(self) -> "RayCaster": ...
+    def pointer(self) -> tuple[int, int]:
+        """The pixel of the mouse, from the lower left."""
+        x, y = self.plotter.iren.interactor.GetEventPosition()
+        return x, y
 
     @property
-    def pointer(self) -> tuple[int, int]: ...
+    def shift(self) -> bool:
+        """Whether the shift key is down."""
+        return bool(self.plotter.iren.interactor.GetShiftKey())
 
-    @property
-    def shift(self) -> bool: ...
+    @cached_property
+    def caster(self) -> RayCaster:
+        """The surface of the scene."""
+        return RayCaster(self.session.scene.vertices, self.session.scene.faces)
 
-    def look(self, orbit: "Orbit") -> None: ...
-
-    def press_key(self, key: str) -> None: ...
-
-    def picture(self, panel: bool = True) -> NDArray: ...
-
-    def save_picture(self) -> None: ...
-
-    def record(self) -> None: ...
-
-    def recorded(self, note: str) -> None: ...
-
-    def reset(self) -> None: ...
-
-    def quit(self) -> None: ...
+    def look(self, orbit: "Orbit") -> None:
+        """Look from an Orbit."""
+        self.orbit = orbit
 
 
 class Tool:
     """What mouse and keys change in a Window while `State.tool` is `name`. Pixels count from the lower left.
 
-    holds: whether something is being dragged.
+    clickable: whether clicks on the scene are for it while it is on.
     """
 
     name = ""
+    clickable = True
 
     def __init__(self, window: WindowView) -> None:
         self._window = window
-        self.holds = False
 
     @property
     def bench(self) -> Any:
@@ -81,24 +83,16 @@ class Tool:
     @property
     def clicks(self) -> bool:
         """Whether clicks on the scene are for it."""
-        return self.on
+        return self.on and self.clickable
 
     def toggle(self) -> None:
         """Start or stop to use it."""
         if self.bench is not None:
             self._window.session.change(tool="" if self.on else self.name)
 
-    def grip(self, hot: "HotArea | None", x: float, y: float) -> bool:
-        """Take a press at a pixel, on a hot area or none, to drag something; return whether it is for this tool."""
-        return False
-
-    def drag(self, x: float, y: float, shift: bool) -> None:
-        """Drag what is held to a pixel. shift: whether that key is down."""
-
-    def let_go(self) -> None:
-        """End a drag; later changes are undone separately."""
-        self.holds = False
-        self._window.session.timeline.end_merge()
+    def grip(self, hot: "HotArea | None", x: float, y: float) -> Drag | None:
+        """Take a press at a pixel, on a hot area or none: the Drag that follows, or None where it is not for this."""
+        return None
 
     def click(self, x: float, y: float) -> None:
         """Take a click on the scene."""

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from splat2mesh.base.kernels import kernel
 from splat2mesh.base.threads import read_only, shared
 from splat2mesh.render.raycaster import RayCaster
+from splat2mesh.scene.color import bytes_from_unit, linear_from_srgb, srgb_from_linear
 
 from ..output.catcher import GroundLight
 from .camera import Orbit
-from .ground import shade_ground
 
 
 class Raster:
@@ -36,8 +36,7 @@ class Raster:
         if (orbit, size) == self._seen:
             return
         width, height = self.size = size
-        x, y = np.meshgrid(np.arange(width) + 0.5 - 0.5 * width, np.arange(height) + 0.5 - 0.5 * height)
-        ways = np.stack([x, y, np.full_like(x, -orbit.focal(size))], axis=-1) @ orbit.axes
+        ways = orbit.view(size).ray_directions()
         self._ways, self._sky_places = ways.astype(np.float32), None
         self._seen = orbit, size
         self._face, self._weights = np.full((height, width), -1, np.int32), np.zeros((height, width, 2), np.float32)
@@ -53,19 +52,19 @@ class Raster:
         backdrop: Any = ((0, 0, 0), (0, 0, 0)),  # without a sky, sRGB bytes at the bottom and the top
         ground: GroundLight | None = None,  # on which an object stands
     ) -> NDArray:
-        """The picture, (H, W, 3) uint8, BOTTOM row first."""
+        """The picture, (H, W, 3) uint8, top row first."""
         width, height = self.size
         out = np.zeros((height, width, 3), np.uint8)
         before, split = (colors, 0.0) if captured is None else captured
         low, high = np.asarray(backdrop, np.float32)
-        ramp = np.linspace(low, high, height).astype(np.float32)
+        ramp = np.linspace(high, low, height).astype(np.float32)
         places, image, shift = np.zeros((0, 0, 2), np.float32), np.zeros((1, 1, 3), np.uint8), np.float32(0.0)
         if sky is not None:
             places, image, shift = self._places(), sky[0], np.float32(sky[1] % 360.0 / 360.0)
         arrays = self._faces, self._face, self._weights, colors, before, np.float32(width * split)
         _paint(height, *arrays, places, image, shift, ramp, out)
         if ground is not None and self._seen is not None:
-            shade_ground(out, self._face, self._ways, self._seen[0].eye, ground)
+            _shade_ground(out, self._face, self._ways, self._seen[0].eye, ground)
         return out
 
     def _places(self) -> NDArray:
@@ -130,3 +129,16 @@ def _paint(
             else:
                 for channel in range(3):
                     out[y, x, channel] = np.uint8(ramp[y, channel] + half)
+
+
+def _shade_ground(picture: NDArray[np.uint8], face: NDArray, ways: NDArray, eye: NDArray, ground: GroundLight) -> None:
+    """Darken the ground in a picture (H, W, 3) uint8 sRGB of the sky, in place, where nothing stands before it.
+
+    face: (H, W), negative where nothing stands. ways: (H, W, 3) float32, through the pixels, of any length from 1. eye:
+    (3,) scene frame.
+    """
+    free, pixels = np.flatnonzero(face < 0), picture.reshape(-1, 3)
+    share = ground.share_seen(eye, ways.reshape(-1, 3)[free])
+    dark = (share < 1.0).any(axis=1)
+    light = linear_from_srgb(pixels[free[dark]].astype(np.float32) / np.float32(255.0)) * share[dark]
+    pixels[free[dark]] = bytes_from_unit(srgb_from_linear(light))

@@ -4,7 +4,7 @@ import os
 import time
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,9 +14,6 @@ from splat2mesh.base.choices import DEFAULT_FPS
 from splat2mesh.base.errors import InputError
 
 from .request import Turntable
-
-if TYPE_CHECKING:
-    from .pointing import WindowView
 
 KINDS = ".gif", ".mp4"
 
@@ -30,11 +27,12 @@ class Recording:
 
     def __init__(
         self,
-        window: "WindowView",
+        window: Any,  # a Window
         path: str | os.PathLike[str] | None = None,
         turn: Turntable | None = None,
     ) -> None:
-        path, turn = _free() if path is None else Path(path), turn or Turntable()
+        free = "turn_{:04d}" + (".mp4" if find_spec("imageio_ffmpeg") else ".gif")
+        path, turn = free_name(free) if path is None else Path(path), turn or Turntable()
         check_film(path, turn)
         import imageio
 
@@ -106,10 +104,6 @@ def check_film(path: str | os.PathLike[str], turn: Turntable) -> None:
         raise InputError(f"{path} exists: choose another name, or pass overwrite")
     if not path.parent.is_dir():
         raise InputError(f"{path}: its folder does not exist")
-
-
-def _free() -> Path:
-    return free_name("turn_{:04d}" + (".mp4" if find_spec("imageio_ffmpeg") else ".gif"))
 
 
 def free_name(pattern: str) -> Path:

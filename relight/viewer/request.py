@@ -14,16 +14,15 @@ from ..options import LightingOptions
 from ..output.kinds import PICTURE_SIZE
 
 if TYPE_CHECKING:
-    from splat2mesh.render.view import View
     from splat2mesh.scene.foreign import AnyScene
     from splat2mesh.splats.splats import Splats
 
     from ..engine.by_hand import LightByHand
-    from ..engine.light_mix import LightBeside
-    from ..engine.placed import LampLight, Placed
+    from ..engine.light_mix import LightBeside, LightMix
+    from ..engine.placed import Placed
     from ..insert.asked import AskedInsert
-    from ..insert.inserts import InsertedLight
-    from ..lamps.asked import AskedLamp, LampScale
+    from ..insert.inserts import InsertedLight, Inserts
+    from ..lamps.asked import AskedLamp
     from ..light.environment import Environment
     from ..splats.grown_part import GrowingSurface
     from ..transfer.store import Cache
@@ -33,19 +32,17 @@ if TYPE_CHECKING:
 class LampSource(NamedTuple):
     """A scene whose lamps can be changed.
 
-    asked, captured: the lamps at the start, in the frame of the splat, and the factor on the captured light. prepare:
-    the long work, done once. light_of: the LampLight of lamps beside a factor on the captured light. mixture: the
-    LightBeside of a factor on the captured light and of lamps, or None for no lamps. scale: the LampScale. command:
-    the command that relights with the saved lamps.
+    mix: its LightMix, with the lamps at the start. level: returns its level. command: the command that relights with
+    the saved lamps.
     """
 
-    asked: "Sequence[AskedLamp]"
-    captured: float
-    prepare: Callable[[], None]
-    light_of: "Callable[[Sequence[AskedLamp], float], LampLight]"
-    mixture: "Callable[[float, Placed | None], LightBeside]"
-    scale: "Callable[[], LampScale]"
+    mix: "LightMix"
+    level: Callable[[], float]
     command: str = ""
+
+    def mixture(self, captured: float, placed: "Placed | None") -> "LightBeside":
+        """The LightBeside of a factor on the captured light and of lamps, or None for no lamps."""
+        return self.mix.beside(self.level(), captured, placed)
 
 
 class ObjectsUnder(NamedTuple):
@@ -66,18 +63,14 @@ class ObjectsUnder(NamedTuple):
 class ObjectSource(NamedTuple):
     """A scene whose objects can be moved.
 
-    asked: the objects at the start. received: returns the irradiance over pi (V, 3) of the scene for the radiance of
+    inserts: the objects at the start. received: returns the irradiance over pi (V, 3) of the scene for the radiance of
     an environment and its exposure. exact: the InsertedLight of objects under a light, with all rays; calls its
-    last argument often, which may raise to end it. glimpse: the same with few rays, without bounces, with the light on
-    the objects from an exact one. drawn: splats with the objects as a view in the frame of the scene shows them at an
-    exposure; the last argument is the number of samples along the side of a pixel.
+    last argument often, which may raise to end it.
     """
 
-    asked: "Sequence[AskedInsert]"
+    inserts: "Inserts"
     received: Callable[[NDArray[np.float32], float], NDArray[np.floating]]
     exact: "Callable[[Sequence[AskedInsert], ObjectsUnder, Callable[..., None]], InsertedLight]"
-    glimpse: "Callable[[Sequence[AskedInsert], InsertedLight], InsertedLight]"
-    drawn: "Callable[[Splats, InsertedLight, float, View, int], Splats]"
 
 
 class PartSource(NamedTuple):

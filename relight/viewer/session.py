@@ -8,7 +8,7 @@ import math
 import time
 from collections.abc import Callable, Hashable
 from dataclasses import fields, replace
-from functools import partial
+from operator import is_
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,11 +21,10 @@ from ..engine.light_mix import LightBeside
 from ..light.environment import turned_about_y
 from ..light.tonemap import auto_exposure
 from ..transfer.settings import BOUNCES, SHADOWS
-from .answers import Answers
+from .bench import Bench
 from .hand_bench import HandBench
 from .history import Timeline
-from .lamp_bench import LampBench
-from .lamp_board import BoardState, LampBoard
+from .lamps import BoardState, LampBench, LampBoard
 from .lighting import LightWish, SessionScene, check_albedos
 from .object_bench import ObjectBench
 from .part_bench import PartBench
@@ -33,7 +32,7 @@ from .quick import harmonic_light, prepare
 from .request import ObjectsUnder, SessionRequest
 from .splats import RelitSplats
 from .state import MODES, State, check_field, choices_of, first_state, methods_of
-from .worker import REST_SECONDS, ProcessWorker
+from .worker import REST_SECONDS, Answers, ProcessWorker
 
 if TYPE_CHECKING:
     from ..insert.inserts import InsertedLight
@@ -47,7 +46,7 @@ class Session:
     lamps, bench: the LampBoard and the LampBench; None in a session whose lamps cannot be changed, which
     `relight SCENE --view` opens. objects: the ObjectBench. hand: the HandBench of the captured light. parts: the
     PartBench. splats: the RelitSplats. All are None where there are none. timeline: undoes changes of all of them.
-    revision: grows with everything that may change the picture.
+    worker, clock: as given. revision: grows with everything that may change the picture.
     """
 
     def __init__(
@@ -70,22 +69,27 @@ class Session:
         self.lamps: LampBoard | None = None
         self.bench: LampBench | None = None
         if source is not None:
-            self.lamps = LampBoard(source.asked, source.captured, self.timeline, source.scale, source.command)
+            mix = source.mix
+            start = mix.asked_lamps, mix.captured_factor
+            self.lamps = LampBoard(*start, self.timeline, lambda: mix.scale, source.command)
             self.bench = LampBench(source, self.lamps, asked.mixture)
-        self.objects = None if asked.object_source is None else ObjectBench(asked.object_source, self.timeline)
-        self.hand = None if asked.hand_source is None else HandBench(asked.hand_source, asked.under_kept_light)
+        objects, key = asked.object_source, self._key_of_objects
+        self.objects = None if objects is None else ObjectBench(objects, self.timeline, key, self._light_on)
+        self.hand = (
+            None if asked.hand_source is None else HandBench(asked.hand_source, asked.under_kept_light, self._edited)
+        )
         self.parts = None if asked.part_source is None else PartBench(asked.part_source, self.timeline)
-        self.splats = None if asked.splats is None else RelitSplats(asked.splats)
+        self.splats = None if asked.splats is None else RelitSplats(asked.splats, self)
         self._given_exposure = asked.exposure
         self._exposures: dict[tuple[str | None, str], float] = {}
         self._memory: dict[str, tuple[Any, tuple, Any]] = {}  # derived values by name
-        self._moved = self._edited_at = self._hand_moved = -math.inf
+        self._moved = self._edited_at = -math.inf
         self.light_seconds: float | None = None
         self.revision = 0
         options, effects = asked.lighting, asked.lighting.chosen_effects
         options = replace(options, tolerance=None, budget_s=None)  # every wish brings its own tolerance
         working = worker(SessionScene(scene, self.environments, self.albedos, options, asked.cache))
-        self.answers, self._worker = Answers(working, self._wish(effects), effects), worker
+        self.answers, self.worker = Answers(working, self._wish(effects), effects), worker
         self.answers.ask()
         prepare()
         self.change(**asked.state or {})
@@ -109,13 +113,8 @@ class Session:
         """Reset everything."""
         self.change(**{field.name: getattr(self.start, field.name) for field in fields(State)})
         self.timeline.reset()
-        self.set_hand(HandBench.reset)
-
-    def anew(self, asked: SessionRequest) -> "Session":
-        """A session of another request for the same scene, with the settings of this one."""
-        found = Session(asked, self._worker, self.clock)
-        found.follow(self)
-        return found
+        if self.hand is not None:
+            self.hand.reset()
 
     def follow(self, other: "Session") -> None:
         """Take over what the user set in another session of the same scene, but for its captured light."""
@@ -125,27 +124,18 @@ class Session:
         kept = {field.name: getattr(other.state, field.name) for field in fields(State)}
         self.change(**kept | {"tool": "", "split": False})
 
-    def set_hand(self, change: Callable[[HandBench], None]) -> None:
-        """Change the captured light that a hand sets; nothing in a session without. Raises what the change raises."""
-        if self.hand is not None:
-            change(self.hand)
-            self.revision, self._hand_moved = self.revision + 1, self.clock()
-
     def poll(self) -> None:
         """Collect results, without waiting, and give work to what rests. Call it often."""
         rests = not self.state.turning and self.clock() - self._moved > REST_SECONDS
-        lamps_rest = self.clock() - self._edited_at > REST_SECONDS
-        news = [self.answers.poll()]
-        if self.splats is not None:
-            news.append(self.splats.poll())
-        if self.bench is not None:
-            news.append(self.bench.poll(lamps_rest))
-        if self.objects is not None:
-            under = partial(self._light_on, self.objects) if self._answered and self._in_first_albedo else None
-            news.append(self.objects.lit(under, self._key_of_objects(), rests and lamps_rest))
-        if self.hand is not None and self.uses("hand"):
-            news.append(self.hand.poll(self.clock() - self._hand_moved > REST_SECONDS))
-        self.revision += sum(news)
+        edits_rest = self.clock() - self._edited_at > REST_SECONDS
+        benches: list[tuple[Bench | None, bool]] = [
+            (self.bench, edits_rest),
+            (self.objects, rests and edits_rest),
+            (self.hand if self.uses("hand") else None, edits_rest),
+            (self.splats if self.shows_splats else None, rests),
+        ]
+        news = self.answers.poll()
+        self.revision += news + sum(bench.poll(still) for bench, still in benches if bench is not None)
         if rests:
             self.answers.ask()
 
@@ -299,8 +289,9 @@ class Session:
         """Radiance (V, 3) by spherical harmonics alone at an angle, by default the present one."""
         began = time.perf_counter()
         answers = self.answers
-        shadowed = answers.newest("transfer") if SHADOWS in self.effects else None
-        transfer = (shadowed or answers.newest("unshadowed"))[1]
+        transfer = answers.newest("transfer")[1] if SHADOWS in self.effects else None
+        if transfer is None:
+            transfer = answers.newest("unshadowed")[1]
         assert answers.light is not None  # before the first there is no transfer either
         turned = turned_about_y(answers.light.coefficients, self.state.angle_deg if angle_deg is None else angle_deg)
         bounced = answers.bounced if BOUNCES in self.effects else None
@@ -326,7 +317,7 @@ class Session:
         It keeps the objects too, since a new object may get the address of a deleted one.
         """
         kept = self._memory.get(name)
-        if kept is None or kept[0] != key or not _same(kept[1], made_of):
+        if kept is None or kept[0] != key or not all(map(is_, kept[1], made_of)):
             kept = self._memory[name] = key, made_of, compute()
         return kept[2]
 
@@ -339,11 +330,12 @@ class Session:
         lamps = None if self.lamps is None else self.lamps.state
         return self.state.environment, self.state.angle_deg, self.state.lamps, self.effects, lamps
 
-    def _light_on(self, objects: ObjectBench) -> ObjectsUnder:
-        """The present light on objects. The worker must have answered."""
+    def _light_on(self) -> ObjectsUnder | None:
+        """The present light on objects; None before the worker has answered, and under other albedos."""
         mixture, alone, plain = self.mixture, self.environment_radiance(), self.plain_radiance()
-        assert alone is not None and plain is not None  # or the worker has not answered
-        look, exposure = objects.source.received, self.exposure()
+        if alone is None or plain is None or self.objects is None or not (self._answered and self._in_first_albedo):
+            return None
+        look, exposure = self.objects.source.received, self.exposure()
         received = np.asarray((look if mixture is None else mixture.receives(look))(alone, exposure), np.float32)
         environment, angle = self.environments[self.state.environment], self.state.angle_deg
         if mixture is None:
@@ -353,10 +345,6 @@ class Session:
         return ObjectsUnder(environment, angle, mixture.env_scale, captured, lamps, mixture.level, plain, received)
 
     def _edited(self) -> None:
-        """The work after a change of lamps, captured light or objects."""
+        """The work after a change of lamps, objects, a part or the captured light."""
         self.revision += 1
         self.answers.message, self._edited_at = "", self.clock()
-
-
-def _same(some: tuple, others: tuple) -> bool:
-    return len(some) == len(others) and all(one is other for one, other in zip(some, others, strict=True))

@@ -33,8 +33,12 @@ RANGES = {
 """Ranges of the sliders. Angles wrap around, other values are clipped."""
 
 
-MODES = "relit", "albedo", "normals"
-"""Names of what the surface shows."""
+MODES = {
+    "relit": "Relit: under the light",
+    "albedo": "Albedo: the surface colour, without light",
+    "normals": "Normals: red to the right, green up, blue to the front",
+}
+"""What the surface shows: its name, and a title and a text for the help."""
 
 
 @dataclass(frozen=True)

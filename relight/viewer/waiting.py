@@ -65,30 +65,24 @@ class Served(NamedTuple):
 
 
 @contextmanager
-def in_a_window(picture: NDArray[np.uint8]) -> Iterator[None]:
-    """Show a picture (H, W, 3) in a window, where there is a display."""
-    with _shown(picture):
-        yield
+def first_look(
+    picture: NDArray[np.uint8], place: Served | None = None, announce: Callable[[str], None] = lambda url: None
+) -> Iterator[None]:
+    """Show a picture (H, W, 3) in a window, where there is a display, or serve it where the session will be served.
 
-
-@contextmanager
-def in_a_browser(picture: NDArray[np.uint8], place: Served, announce: Callable[[str], None]) -> Iterator[None]:
-    """Serve a picture where the session will be served. announce: receives the address."""
-    with _shown(picture, str(place.port), place.token):
-        announce(place.address)
-        yield
-
-
-@contextmanager
-def _shown(picture: NDArray[np.uint8], *words: str) -> Iterator[None]:
+    announce: receives the address.
+    """
     with tempfile.TemporaryDirectory() as work:
         path = Path(work) / "first.png"
         write_png(path, picture)
+        words = () if place is None else (str(place.port), place.token)
         command = [sys.executable, "-m", __name__, str(path), *words]
         with subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
         ) as process:
             try:
+                if place is not None:
+                    announce(place.address)
                 yield
             finally:
                 process.terminate()
@@ -115,9 +109,9 @@ class _FirstLookHandler(http.server.BaseHTTPRequestHandler):
         self.wfile.write(self._page)
 
 
-def _serve(path: Path, port: int, token: str) -> None:
+def _serve(path: Path, port: str, token: str) -> None:
     page = _PAGE.format(line=LINE, picture=b64encode(path.read_bytes()).decode(), header=FIRST_LOOK).encode()
-    http.server.ThreadingHTTPServer(("127.0.0.1", port), partial(_FirstLookHandler, page, token)).serve_forever()
+    http.server.ThreadingHTTPServer(("127.0.0.1", int(port)), partial(_FirstLookHandler, page, token)).serve_forever()
 
 
 def _open_window(path: Path) -> None:
@@ -129,17 +123,11 @@ def _open_window(path: Path) -> None:
     plotter.show()
 
 
-def _main(path: Path, *place: str) -> None:
-    def end_with_input() -> None:
-        sys.stdin.read()
-        os._exit(0)
-
-    threading.Thread(target=end_with_input, daemon=True).start()
-    if place:
-        _serve(path, int(place[0]), place[1])
-    else:
-        _open_window(path)
+def _end_with_input() -> None:
+    sys.stdin.read()
+    os._exit(0)
 
 
 if __name__ == "__main__":
-    _main(Path(sys.argv[1]), *sys.argv[2:])
+    threading.Thread(target=_end_with_input, daemon=True).start()
+    (_serve if sys.argv[2:] else _open_window)(Path(sys.argv[1]), *sys.argv[2:])

@@ -4,42 +4,40 @@ import os
 import sys
 import time
 from ctypes.util import find_library
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from vtkmodules.util.numpy_support import numpy_to_vtk
+from vtkmodules.vtkCommonDataModel import vtkImageData
 from vtkmodules.vtkInteractionStyle import vtkInteractorStyleUser
+from vtkmodules.vtkRenderingCore import vtkTexture
 
 from splat2mesh.base.errors import InputError
-from splat2mesh.render.raycaster import RayCaster
 
 from ..output.images import write_png
 from ..output.kinds import PICTURE_SIZE
 from ..output.preview import default_camera
 from .camera import Orbit
 from .controls import CONTROLS
-from .ground import StandingGround
-from .modes import surface_colors
 from .mouse import Mouse
 from .panel import Panel, bars_of
+from .pointing import WindowView
 from .recording import Recording, free_name
 from .request import Turntable
 from .session import Session
-from .splat_painter import coarser, joined
-from .stage import Stage, pixels
+from .stage import Stage
 from .worker import REST_SECONDS
 
 SIZE = PICTURE_SIZE
 TURN_SECONDS = 10.0  # of a light that turns by itself, once around
 IDLE_SECONDS = 0.005  # between two polls of mouse and worker
-RESTING_OBJECT_SAMPLES = 2  # along the side of a pixel
 
 _NO_DISPLAY = "no display: save a picture by `screenshot`, or start it in a notebook"
 
 
-class Window:
+class Window(WindowView):
     """A PyVista window over a Session. `run` it, or call `tick` from a loop of your own.
 
     session: the Session. plotter: the pyvista.Plotter. orbit: the camera. note: a line of the window's own.
@@ -51,9 +49,12 @@ class Window:
         self.session: Session = session
         self.plotter = pyvista.Plotter(off_screen=off_screen, window_size=list(size), notebook=False, title="relight")
         self.plotter.render_window.SetMultiSamples(0)  # pictures are smooth; more take OpenGL four times as long
-        self._stage, self.note = Stage(self.plotter.renderer, session.scene), ""
-        self.panel = Panel(self.plotter.renderer)
-        self._ground = None if session.scene.is_place else StandingGround(session.scene)
+        self._glass = vtkTexture()
+        self._glass.SetColorModeToDirectScalars()
+        self.plotter.renderer.SetBackgroundTexture(self._glass)
+        self.plotter.renderer.TexturedBackgroundOn()
+        self._stage, self.note = Stage(session.scene), ""
+        self.panel = Panel()
         camera = session.scene.preview_camera or default_camera(session.scene, size[0] / size[1])
         orbit = Orbit.of(camera, session.scene.vertices, session.scene.diagonal)
         bars = bars_of(size) if session.state.panel else (0.0, 0.0)
@@ -63,8 +64,7 @@ class Window:
         self._coming: Session | None = None  # in a captured light that was kept
         self.mouse: Mouse = Mouse(self)
         self._drawn: tuple | None = None
-        self._sky: tuple[int, float] | None = None
-        self._seen_from: tuple[Orbit, tuple[int, int]] | None = None
+        self._picture: NDArray[np.uint8] = np.zeros((1, 1, 3), np.uint8)  # without the panel
         self.loop: Any = None  # of a notebook
         self._moved = self._panelled = self._ticked = -np.inf
         style = vtkInteractorStyleUser()
@@ -83,27 +83,6 @@ class Window:
         ):  # fmt: skip
             interactor.AddObserver(event, lambda *_, act=act: act())
         self._interactor = interactor
-
-    @property
-    def size(self) -> tuple[int, int]:
-        """Present width and height in pixels."""
-        return tuple(self.plotter.render_window.GetSize())
-
-    @property
-    def pointer(self) -> tuple[int, int]:
-        """The pixel of the mouse, from the lower left."""
-        x, y = self._interactor.GetEventPosition()
-        return x, y
-
-    @property
-    def shift(self) -> bool:
-        """Whether the shift key is down."""
-        return bool(self._interactor.GetShiftKey())
-
-    @cached_property
-    def caster(self) -> RayCaster:
-        """The surface of the scene."""
-        return RayCaster(self.session.scene.vertices, self.session.scene.faces)
 
     def run(self) -> None:
         """Show the window until it is closed."""
@@ -145,7 +124,7 @@ class Window:
             self._draw_panel()
         if not (changed or sharpens):
             return False
-        self.plotter.render_window.Render()
+        self._render()
         return True
 
     def _renew(self) -> None:
@@ -153,7 +132,8 @@ class Window:
         old, asked = self.session, None if self.session.hand is None else self.session.hand.relit()
         if asked is not None:
             self._drop_coming()
-            self._coming = old.anew(asked)
+            self._coming = Session(asked, old.worker, old.clock)
+            self._coming.follow(old)
         if self._coming is None or self._recording is not None:
             return
         self._coming.poll()
@@ -161,7 +141,7 @@ class Window:
             self.session, self._coming = self._coming, None
             self.session.follow(old)
             old.close()
-            self._drawn = self._sky = None
+            self._drawn = None
             self.note = "relit under the captured light that you kept"
 
     def _drop_coming(self) -> None:
@@ -172,23 +152,22 @@ class Window:
     @property
     def _shown(self) -> tuple:
         """What the picture depends on."""
-        ground = self._ground is not None and self._ground.ready
+        ground = self._stage.ground is not None and self._stage.ground.ready
         return self.session.revision, self.orbit, self.size, self.note, ground
 
     def finish(self, timeout: float = 600.0) -> None:
         """Wait until the picture is complete, and draw it with smooth edges."""
         self.session.finish(timeout)
-        if self._ground is not None:
-            self._ground.wait()
+        if self._stage.ground is not None:
+            self._stage.ground.wait()
         self._draw_now()
 
     def picture(self, panel: bool = True) -> NDArray:
         """The picture of the window, (H, W, 3) uint8, with smooth edges, with or without the panel."""
-        self._draw_now(panel)
-        image = pixels(self.plotter.render_window)
+        picture = self._draw_now(panel)
         if not panel:
             self._drawn = None  # the panel must reappear
-        return image
+        return picture
 
     def press_key(self, key: str) -> None:
         """Run the control of this VTK key symbol; other keys do nothing."""
@@ -197,10 +176,6 @@ class Window:
                 self.note = ""
                 control.act(self)
                 return
-
-    def look(self, orbit: Orbit) -> None:
-        """Look from an Orbit."""
-        self.orbit = orbit
 
     def reset(self) -> None:
         """Reset everything, the camera too."""
@@ -253,69 +228,34 @@ class Window:
             self._recording.stop("the window was closed")
         self.mouse.lamps.leave()
         self._drop_coming()
-        if self._ground is not None:
-            self._ground.close()
+        if self._stage.ground is not None:
+            self._stage.ground.close()
         self.session.close()
         self.plotter.close()
 
-    def _draw_now(self, panel: bool = True) -> None:
+    def _draw_now(self, panel: bool = True) -> NDArray[np.uint8]:
         self.session.poll()
         self._draw_scene(True, wait=True)
         self._draw_panel(bare=not panel)
+        return self._render()
+
+    def _render(self) -> NDArray[np.uint8]:
+        """Show scene and panel; return their picture."""
+        picture = self.panel.over(self._picture)
+        image = vtkImageData()
+        image.SetDimensions(picture.shape[1], picture.shape[0], 1)
+        image.GetPointData().SetScalars(numpy_to_vtk(picture[::-1].reshape(-1, 3), deep=True))
+        self._glass.SetInputData(image)
         self.plotter.render_window.Render()
+        return picture
 
     def _draw_panel(self, bare: bool = False) -> bool:
         return self.panel.draw(self.session, self.size, self.note, self.mouse.lamps.marks(), bare)
 
     def _draw_scene(self, rests: bool, wait: bool = False) -> None:
-        """Draw the scene: smooth at rest, coarse while the camera moves. wait: for splats to be bound and fitted."""
-        session, size = self.session, self.size
-        still, self._seen_from = (self.orbit, size) == self._seen_from, (self.orbit, size)
+        """Draw the scene, as `Stage.picture`."""
         self._drawn, self._resting = self._shown, rests
-        angle = session.state.angle_deg if self._colored(rests) else None
-        moves = not (rests or still)
-        size = coarser(size) if moves else size
-        if session.shows_splats:
-            picture = self._splats_drawn(size, rests, moves, angle, wait)
-        else:
-            split = session.state.split_at if session.state.split else None
-            picture = self._stage.drawn(self.orbit, size, split, angle, smooth=rests)
-        self._stage.show(picture)
-
-    def _colored(self, rests: bool) -> bool:
-        """Give surface, objects, sky and ground their colours; return whether the sky shows."""
-        session, stage = self.session, self._stage
-        stage.color(surface_colors(session))
-        inserted = session.inserted
-        stage.show_objects(inserted, None if inserted is None else session.exposure())
-        if session.answers.light is None or not session.state.sky or session.state.mode != "relit":
-            return False
-        painted = id(session.answers.light), session.sky_exposure()
-        if painted != self._sky:
-            self._sky = painted
-            stage.paint_sky(session.answers.light.sky, session.sky_exposure())
-        if self._ground is not None:
-            stage.ground = self._ground.under(session.answers.light, session.state.angle_deg, rests)
-        return True
-
-    def _splats_drawn(
-        self, size: tuple[int, int], rests: bool, moves: bool, angle: float | None, wait: bool
-    ) -> NDArray[np.uint8]:
-        """The picture of the splats, bottom row first, before the sky at an angle: exact at rest."""
-        session, stage, orbit, splats = self.session, self._stage, self.orbit, self.session.splats
-        assert splats is not None
-        draw = stage.splats.exact if rests or moves else stage.splats.again
-        back = stage.behind(orbit, size, angle)[::-1]
-        shown, inserted, objects = splats.shown(session, rests, wait), session.inserted, session.objects
-        if inserted is not None and objects is not None:
-            draw = stage.splats.exact  # objects are other splats in each picture
-            view, samples = stage.splats.scene_view(orbit, size), RESTING_OBJECT_SAMPLES if rests else 1
-            shown = objects.source.drawn(shown, inserted, session.exposure(), view, samples)
-        picture = draw(shown, orbit, size).over(back)
-        if session.state.split:
-            before = draw(splats.source.captured, orbit, size).over(back)
-            picture = joined(before, picture, session.state.split_at)
-        return picture[::-1]
+        self._picture = self._stage.picture(self.session, self.orbit, self.size, rests, wait)
 
 
 def load_pyvista(off_screen: bool) -> Any:

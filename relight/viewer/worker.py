@@ -14,15 +14,18 @@ import threading
 import time
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any
+
+from numpy.typing import NDArray
 
 from splat2mesh.base.compiling import allow_read_only_install
 from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.base.progress import Stages
 
-from .lighting import LightWish, SessionLighting, SessionScene, keys
+from .lighting import FinishedShading, LightWish, SessionLight, SessionLighting, SessionScene, keys
 
 NICENESS = 5
 """Added to the priority of the process: drawing comes first, but idle cores are used in full."""
@@ -93,15 +96,14 @@ class ProcessWorker:
             worker_command(), stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
         )
         self._answers: queue.SimpleQueue[tuple] = queue.SimpleQueue()
-        self._wishes: queue.SimpleQueue[Any] = queue.SimpleQueue()
         assert self._process.stdin is not None and self._process.stdout is not None  # both are pipes
         threading.Thread(target=self._read, args=(self._process.stdout,), daemon=True).start()
-        threading.Thread(target=self._write, args=(self._process.stdin,), daemon=True).start()
-        self._wishes.put(asked)
+        self._pen, self._paper = ThreadPoolExecutor(1), self._process.stdin
+        self._pen.submit(self._write, asked)
 
     def submit(self, wish: LightWish) -> None:
         """Request the newest wish; unfinished work of an older one is dropped."""
-        self._wishes.put(wish)
+        self._pen.submit(self._write, wish)
 
     def poll(self) -> list[tuple]:
         """Messages since the last call, without waiting: a list of tuples.
@@ -126,13 +128,116 @@ class ProcessWorker:
         except (EOFError, OSError, pickle.UnpicklingError, ValueError):
             self._answers.put(("ended", f"the worker process ended (code {self._process.poll()})"))
 
-    def _write(self, stream: IO[bytes]) -> None:
-        try:
-            while True:
-                pickle.dump(self._wishes.get(), stream, pickle.HIGHEST_PROTOCOL)
-                stream.flush()
-        except (OSError, ValueError):
-            pass  # the process is gone: the reader says so
+    def _write(self, message: Any) -> None:
+        with suppress(OSError, ValueError):  # the process is gone: the reader says so
+            pickle.dump(message, self._paper, pickle.HIGHEST_PROTOCOL)
+            self._paper.flush()
+
+
+class Answers:
+    """The wishes of a session and what its worker answered.
+
+    wish: what the present state needs from the worker. available: the effects that there are. progress: (label,
+    fraction or None) of the work under way, or None. message: the text to show, or "".
+    """
+
+    def __init__(self, worker: ProcessWorker, wish: LightWish, available: frozenset[str]) -> None:
+        self._worker, self.wish, self.available, self.message = worker, wish, available, ""
+        self.progress: tuple[str, float | None] | None = None
+        self._found: dict[str, tuple[Any, Any]] = {}  # newest results by kind
+        self._asked: LightWish | None = None
+        self._answered: tuple[LightWish, str] | None = None
+        self._ended = ""
+
+    @property
+    def complete(self) -> bool:
+        """Whether the worker has answered the wish, without failure."""
+        return self._answered == (self.wish, "")
+
+    @property
+    def failure(self) -> str:
+        """Why the worker cannot answer, or ""."""
+        answered = self._answered
+        return answered[1] if answered is not None and answered[0] == self._asked else self._ended
+
+    @property
+    def light(self) -> SessionLight | None:
+        """The SessionLight loaded last, or None. It may be that of the state before."""
+        found: SessionLight | None = self.newest("light")[1]
+        return found
+
+    @property
+    def light_name(self) -> str | None:
+        """Name of the environment that is shown, or None before the first."""
+        return self.newest("light")[0]
+
+    @property
+    def lit(self) -> FinishedShading | None:
+        """The FinishedShading of the wish, or None until it arrives."""
+        return self.current("shading")
+
+    @property
+    def error(self) -> float | None:
+        """Relative L2 error of what is shown, on sampled vertices, or None while it is unknown."""
+        return self.current("error")
+
+    @property
+    def called_for(self) -> frozenset[str]:
+        """The effects that the plan calls for at this tolerance; all while it is unknown."""
+        key, lit = self.newest("shading")
+        return lit.effects if lit is not None and key[:4] == keys(self.wish)["shading"][:4] else self.available
+
+    def ask(self) -> None:
+        """Ask the worker for what is wished, once."""
+        if self.wish != self._asked:
+            # An older answer to the same wish does not apply to the new one.
+            self._asked, self._answered = self.wish, None
+            self._worker.submit(self.wish)
+
+    def poll(self) -> bool:
+        """Collect what the worker says, without waiting; return whether there are results."""
+        messages = self._worker.poll()
+        for message in messages:
+            self._take(message)
+        return any(kind != "progress" for kind, *_ in messages)
+
+    def close(self) -> None:
+        """End the worker."""
+        self._worker.close()
+
+    def _take(self, message: tuple) -> None:
+        match message:
+            case "progress", label, fraction:
+                self.progress = label, fraction
+            case "result", kind, key, payload:
+                self._found[kind] = key, payload
+                self._answered = None  # messages after an answer belong to another wish
+                if kind == "light" and payload.warning:
+                    self.message = payload.warning
+            case "done", wish:
+                self._answered, self.progress = (wish, ""), None
+            case "failed", wish, text:
+                self._answered = wish, text
+                if wish == self._asked:
+                    self.message, self.progress = text, None
+            case "ended", text:
+                self.message, self.progress = text + ": only spherical harmonics from here on", None
+                self._ended = text
+
+    def current(self, kind: str) -> Any:
+        """The payload of a kind if it belongs to the wish, else None."""
+        key, payload = self.newest(kind)
+        return payload if key is not None and key == keys(self.wish)[kind] else None
+
+    def newest(self, kind: str) -> tuple[Any, Any]:
+        """(key, payload) of the newest of a kind; None for both before the first."""
+        return self._found.get(kind, (None, None))
+
+    @property
+    def bounced(self) -> NDArray | None:
+        """Bounced light per coefficient for the present albedo, (3, V, K'), or None; of a coarser level if need be."""
+        key, payload = self.newest("bounced")
+        return payload if key is not None and key[1:] == keys(self.wish)["bounced"][1:] else None
 
 
 def answers(lighting: SessionLighting, wish: LightWish) -> Iterator[tuple]:

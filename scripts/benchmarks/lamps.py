@@ -151,7 +151,7 @@ def by_change(mesh, frame, options, report):
 def rest(window):
     """Wait until the light is complete, and all is there for the next change."""
     window.finish()
-    while window.session.bench.busy:
+    while window.session.bench._running:
         window.tick()
 
 

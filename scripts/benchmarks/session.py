@@ -12,7 +12,7 @@ import time
 
 import numpy as np
 
-import relight.viewer.window
+import relight.viewer.stage
 from benchmarks.shapes import shape
 from relight.viewer import view
 
@@ -58,7 +58,7 @@ def measured(window, frames, turn=0.0):
     """Rates and medians of some frames, as text. turn: of the camera in each, in heights of the window."""
     stage, glass = window._stage, window.plotter.render_window
     parts = (
-        (relight.viewer.window, "surface_colors", "light"),
+        (relight.viewer.stage, "surface_colors", "light"),
         (stage, "drawn", "mixing pixels"),
         (window.panel, "draw", "panel"),
         (glass, "Render", "OpenGL"),

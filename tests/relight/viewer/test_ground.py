@@ -11,8 +11,8 @@ from viewer_scenes import SIZE, ball_on_plate, bare, session_of
 
 from relight.light.environment import Environment
 from relight.output.catcher import Catcher
-from relight.viewer.ground import SIDE, StandingGround
 from relight.viewer.lighting import SessionLight
+from relight.viewer.stage import SIDE, StandingGround
 from relight.viewer.window import Window
 from splat2mesh.render.raycaster import RayCaster
 
@@ -68,15 +68,14 @@ def test_the_shadow_follows_when_the_light_rests(scene):
 def test_the_ground_darkens_under_the_object_and_nothing_else_does(window):
     window.session.change(sky=True)
     shaded = bare(window).astype(int)
-    ground, window._ground = window._ground, None
-    window._stage.ground = None
+    ground, window._stage.ground = window._stage.ground, None
     plain = bare(window).astype(int)
-    window._ground = ground
+    window._stage.ground = ground
     darker = plain - shaded
     assert darker.min() >= -1 and (darker.max(axis=2) > 8).mean() > 0.02  # a byte of rounding
     seen = window._stage._raster._face
     size = seen.shape[0] // SIZE[1]
-    covered = (seen >= 0)[::-1].reshape(SIZE[1], size, SIZE[0], size).all(axis=(1, 3))
+    covered = (seen >= 0).reshape(SIZE[1], size, SIZE[0], size).all(axis=(1, 3))
     assert covered.any() and not darker[covered].any()
     window.session.change(sky=False)  # before plain grey there is no ground, as in pictures
     assert (bare(window)[:5] == bare(window)[:5, :1]).all()
@@ -86,5 +85,5 @@ def test_a_place_has_its_own_ground(scene):
     place = replace(scene, capture={"from": "inside", "eyes": [[0.0, 0.0, 0.0]]})
     assert place.is_place
     window = Window(session_of(place), SIZE, off_screen=True)
-    assert window._ground is None
+    assert window._stage.ground is None
     window.close()

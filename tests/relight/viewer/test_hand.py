@@ -17,8 +17,9 @@ from relight.light.projections import texel_directions
 from relight.light.sun_position import toward
 from relight.viewer.controls import SLIDERS
 from relight.viewer.hand_tool import OFFER, SUN_MAP, place_on_map
-from relight.viewer.modes import MODES, surface_colors
 from relight.viewer.session import Session
+from relight.viewer.stage import surface_colors
+from relight.viewer.state import MODES
 from relight.viewer.window import Window
 from splat2mesh.scene.scene import Scene
 
@@ -104,10 +105,10 @@ def test_the_view_shows_the_albedo_beside_the_capture(by_hand):
     finish(bench)
     exact = surface_colors(session).copy()
     assert np.abs(exact.astype(int) - first).mean() < 12 and bench.settled
-    session.set_hand(lambda each: each.change(azimuth_deg=240.0))
+    session.hand.change(azimuth_deg=240.0)
     brighter = at_once(session)
     assert not bench.settled and np.abs(brighter - exact).mean() > 2
-    session.set_hand(lambda each: each.change(brightness_ev=1.0))
+    session.hand.change(brightness_ev=1.0)
     assert (at_once(session) - brighter).mean() < -10  # a brighter light leaves a darker albedo
     by_hand.press_key("2")
     assert not session.uses("hand") and session.state.mode == list(MODES)[1]
@@ -174,7 +175,7 @@ def test_the_view_is_drawn(by_hand, tmp_path):
 
 def test_what_is_kept_is_used_by_the_next_command(by_hand, folder):
     session, bench = by_hand.session, by_hand.session.hand
-    session.set_hand(lambda each: each.change(azimuth_deg=200.0, sun_share=0.4, brightness_ev=0.5))
+    session.hand.change(azimuth_deg=200.0, sun_share=0.4, brightness_ev=0.5)
     finish(bench)
     by_hand.press_key("0")
     assert by_hand.note == f"kept in {folder / NAME}: commands use it from now on" and bench.kept == bench.setting
@@ -201,7 +202,7 @@ def test_the_open_session_goes_on_under_what_is_kept(folder, tmp_path):
     session.change(angle_deg=70.0)
     window.press_key("9")
     finish(session.hand)
-    session.set_hand(lambda each: each.change(azimuth_deg=200.0, sun_share=0.4, brightness_ev=0.5))
+    session.hand.change(azimuth_deg=200.0, sun_share=0.4, brightness_ev=0.5)
     before = session.albedos["estimated"]
     window.press_key("0")
     deadline = time.perf_counter() + 60.0
@@ -221,7 +222,7 @@ def test_a_session_without_an_estimate_has_no_such_view(folder):
     session = Session(session_of(Job(RelightRequest(str(folder), "noon", albedo="captured", caching="none"))),
                       InlineWorker, Clock())  # fmt: skip
     assert session.hand is None
-    session.set_hand(lambda each: each.change(warmth=1.0))
+    session.reset()
     session.close()
 
 

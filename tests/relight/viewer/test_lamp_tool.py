@@ -12,8 +12,8 @@ from viewer_scenes import SIZE, ball_on_plate, bare
 
 from relight.lamps.color import parse_color
 from relight.viewer.controls import CONTROLS, SLIDERS
-from relight.viewer.lamp_board import place_of
 from relight.viewer.lamp_tool import COLORS, OFF_M
+from relight.viewer.lamps import place_of
 from relight.viewer.panel import Panel
 from relight.viewer.window import Window
 
@@ -279,7 +279,7 @@ def test_hundreds_of_random_actions_end_with_the_light_of_their_lamps(window, sc
 def test_nothing_written_about_lamps_overlaps_or_leaves_the_window(window, size):
     session = window.session
     bulb(window)
-    panel = Panel(window.plotter.renderer)
+    panel = Panel()
     for changes in ({}, {"help": True}, {"split": True}):
         session.change(help=False, split=False)
         session.change(**changes)

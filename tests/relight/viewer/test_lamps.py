@@ -13,8 +13,7 @@ from viewer_scenes import ball_on_plate
 from relight.engine.light_mix import LightBeside
 from relight.lamps.asked import AskedLamp, Brightness, LampScale
 from relight.lamps.shapes import SphereLamp
-from relight.viewer.lamp_bench import DARK, LampBench
-from relight.viewer.lamp_board import LampBoard
+from relight.viewer.lamps import DARK, LampBench, LampBoard
 from relight.viewer.lighting import SPARE
 from relight.viewer.request import LampSource, SessionRequest
 from relight.viewer.session import Session
@@ -162,15 +161,15 @@ class Counted:
     def source(self, asked=(), captured=1.0):
         nothing = np.zeros((2, 3), np.float32)
 
-        def mixture(factor, placed):
+        def beside(level, factor, placed):
             radiance = nothing + np.float32(factor) + (0.0 if placed is None else placed.radiance)
             return LightBeside(radiance, radiance, 1.0, 1.0, 1.0, False)
 
         def light_of(lamps, factor):
             return Tracer(self, [np.array(each.shape.intensity) * each.brightness.value * each.color for each in lamps])
 
-        scale = LampScale(1.0, 1.0)
-        return LampSource(asked, captured, lambda: None, light_of, mixture, lambda: scale)
+        parts = {"asked_lamps": asked, "captured_factor": captured, "scale": LampScale(1.0, 1.0)}
+        return LampSource(SimpleNamespace(light_of=light_of, beside=beside, **parts), lambda: 1.0)
 
     def direct(self, lights):
         self.traced.append(len(lights))
@@ -216,6 +215,7 @@ def bench_of(counted, *lamps, captured=0.0):
     bench.prepare()
     while not bench.ready:
         pass
+    counted.glimpsed = 0
     return bench, board
 
 

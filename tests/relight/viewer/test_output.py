@@ -61,6 +61,13 @@ def test_a_key_saves_pictures_without_the_panel_under_free_names(window, tmp_pat
     assert np.array_equal(iio.imread("relight_0001.png"), expected)
 
 
+def test_the_window_shows_its_picture_with_and_without_the_panel(window):
+    for panel in (True, False):
+        picture = window.picture(panel)
+        assert np.array_equal(window.plotter.screenshot(return_img=True), picture)
+    assert (window.picture() != picture).any(axis=2).mean() > 0.1
+
+
 @pytest.mark.slow
 def test_a_film_holds_every_angle_in_full_and_leaves_the_session_as_it_was(scene, tmp_path):
     path = tmp_path / "turn.gif"

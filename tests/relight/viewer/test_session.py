@@ -15,9 +15,9 @@ from relight.viewer import quick
 from relight.viewer.camera import PICTURE_ASPECT, Orbit
 from relight.viewer.controls import CONTROLS, SLIDERS, key_name
 from relight.viewer.lighting import SessionLighting, SessionScene, _gather, keys
-from relight.viewer.modes import MODES, surface_colors
 from relight.viewer.request import SessionRequest
 from relight.viewer.session import Session
+from relight.viewer.stage import surface_colors
 from relight.viewer.state import RANGES, choices_of
 from relight.viewer.worker import REST_SECONDS, ProcessWorker
 from splat2mesh.base.errors import InputError
@@ -378,7 +378,7 @@ def test_every_control_is_distinct_and_explained():
         "hand",
         "both",
     }
-    assert [control.key for control in CONTROLS if control.text.startswith(MODES["normals"].title)] == ["3"]
+    assert [control.key for control in CONTROLS if control.text.startswith("Normals")] == ["3"]
 
 
 def test_an_orbit_looks_where_the_camera_did():

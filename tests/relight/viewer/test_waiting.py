@@ -18,7 +18,7 @@ from PIL import Image
 
 from relight import api
 from relight.request import RelightRequest
-from relight.viewer.waiting import _PAGE, FIRST_LOOK, Served, in_a_browser, in_a_window
+from relight.viewer.waiting import _PAGE, FIRST_LOOK, Served, first_look
 from splat2mesh.base.progress import Stages
 from splat2mesh.options import ConvertOptions
 from splat2mesh.splats.formats import write_inria_ply
@@ -40,7 +40,7 @@ def fetched(url):
 
 def test_a_browser_sees_it_until_the_session_is_ready():
     place, told = Served.at(0), []
-    with in_a_browser(PICTURE, place, told.append):
+    with first_look(PICTURE, place, told.append):
         (url,) = told
         with fetched(url) as answer:
             page = answer.read().decode()
@@ -64,7 +64,7 @@ def test_a_window_shows_it(tmp_path):
 
 def test_where_it_cannot_be_shown_the_session_comes_without(monkeypatch):
     monkeypatch.setattr(sys, "executable", shutil.which("false") or pytest.skip("no program that fails"))
-    with in_a_window(PICTURE):
+    with first_look(PICTURE):
         pass
 
 

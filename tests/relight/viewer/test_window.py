@@ -140,11 +140,10 @@ def test_what_moves_is_the_picture_at_rest_without_smooth_edges(window, split):
     window.session.finish()
     window._draw_now(panel=False)
     stage, size = window._stage, window.size
-    angle, place = 33.0, 0.45 if split else None
-    for sky in (angle, None):
-        window.session.change(sky=sky is not None)
+    for sky in (True, False):
+        window.session.change(sky=sky)
         smooth = window.picture(panel=False).astype(int)
-        moving = stage.drawn(window.orbit, size, place, sky)[::-1].astype(int)
+        moving = stage.drawn(window.session, window.orbit, size, False).astype(int)
         off = np.abs(smooth - moving).max(axis=2)
         off[:, int(0.45 * size[0]) - 6 : int(0.45 * size[0]) + 7] = 0  # the line itself
         assert (off <= 2).mean() > 0.95, "all but edges"
@@ -156,7 +155,7 @@ def test_from_within_nothing_near_the_eye_is_lost(window):
     inside = window.orbit.nearer(-100)
     window.look(type(inside)((0.0, 0.1, 0.0), 0.5, 20.0, 10.0, 100.0, inside.diagonal))
     window._draw_now()
-    assert (window._stage.drawn(window.orbit, window.size) == 255).all()
+    assert (window._stage.drawn(window.session, window.orbit, window.size, False) == 255).all()
 
 
 @pytest.mark.parametrize("angle", [0.0, 37.0, 230.0])
@@ -182,7 +181,7 @@ def test_a_bright_texel_stands_where_its_light_comes_from(angle):
     azimuth = np.degrees(np.arctan2(-toward[0], -toward[2])) + 5.0
     window.look(type(window.orbit)(tuple(9.0 * toward), 1.0, azimuth, elevation, 60.0, 2.0))
     expected = place_of(window, toward)
-    for picture in (bare(window), window._stage.drawn(window.orbit, window.size, None, angle)[::-1].astype(int)):
+    for picture in (bare(window), window._stage.drawn(session, window.orbit, window.size, False).astype(int)):
         lit = picture.sum(axis=2)
         rows, columns = np.nonzero(lit > 0)
         assert len(rows) > 20  # a texel of 2.8 degrees, of a picture of 60
@@ -291,7 +290,7 @@ def test_nothing_written_overlaps_or_leaves_the_window(scene, size):
     names = ["a very long name of a light from a folder.0001", "noon"]
     session = Session(SessionRequest.of(scene, {name: "noon" for name in names}, tolerance=0.05), InlineWorker)
     window = Window(session, (64, 48), off_screen=True)
-    panel = Panel(window.plotter.renderer)
+    panel = Panel()
     states = [
         {},
         {"help": True},

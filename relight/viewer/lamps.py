@@ -1,25 +1,35 @@
-"""The user's changes to the lamps of a session, from Python and from the keys of its window."""
+"""The lamps of a session: the user's changes, and their light: at once by one ray a vertex, as a relight at rest."""
 
 import os
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache, partial
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Triple
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.specs import vector
 from splat2mesh.scene.color import luminance
 
+from ..engine.light_mix import LightBeside
+from ..engine.placed import Placed
 from ..lamps.asked import LARGEST_EV, AskedLamp, Brightness, LampScale, resolve
+from ..lamps.color import WHITE
 from ..lamps.fields import changed
 from ..lamps.moving import shifted
 from ..lamps.photometry import axis_intensity
 from ..lamps.placing import asked_lamps
 from ..lamps.saving import write_lamps
-from ..lamps.shapes import MeshLamp, RectangleLamp, TubeLamp
+from ..lamps.shapes import MeshLamp, RectangleLamp, SphereLamp, TubeLamp
+from .bench import Answer, Bench, Check
 from .history import Timeline
+from .lighting import SPARE
+from .request import LampSource
+
+DARK = "the lamps light nothing: they are inside a wall, outside, or face away"
 
 MOST_CAPTURED = 10.0
 """Largest factor on the captured light."""
@@ -195,11 +205,6 @@ class LampBoard:
         return asked
 
 
-def bulb_at(position: Triple) -> AskedLamp:
-    """The lamp that a click adds: a warm bulb, as bright as `--lamp x,y,z`."""
-    return asked_lamps([",".join(repr(float(each)) for each in position)])[0]
-
-
 def _brighter(asked: AskedLamp, stops: float) -> AskedLamp:
     """The lamp with 2^stops times its light."""
     if not np.isfinite(stops):
@@ -223,3 +228,80 @@ def place_of(asked: AskedLamp) -> Triple:
             place = np.asarray(shape.position)
     x, y, z = (float(each) for each in place)
     return x, y, z
+
+
+class LampsLit(NamedTuple):
+    """beside: the light beside the environment; None for none. message: the text to show, or ""."""
+
+    beside: LightBeside | None
+    message: str = ""
+
+
+class LampBench(Bench[BoardState, LampsLit]):
+    """The light of a LampBoard on a LampSource. Changes show at once when it is ready."""
+
+    def __init__(self, source: LampSource, board: LampBoard, first: LightBeside | None) -> None:
+        super().__init__(Answer(board.start, LampsLit(first)))
+        self.source, self._board = source, board
+        self._glimpse = lru_cache(SPARE)(self._traced)
+
+    @property
+    def wanted(self) -> BoardState:
+        """As of Bench."""
+        return self._board.state
+
+    @property
+    def message(self) -> str:
+        """The text to show on the present lamps, or ""."""
+        shown = self.shown
+        return self.failure or (shown.result.message if shown is not None and self.settled else "")
+
+    def mixture(self) -> LightBeside | None:
+        """The light now shown beside the environment; None for none."""
+        shown = self.shown
+        return None if shown is None else shown.result.beside
+
+    def _prepare(self) -> None:
+        self.source.mixture(1.0, None)
+        self.source.mix.light_of([AskedLamp(SphereLamp((0.0, 0.0, 0.0), intensity=WHITE))], 1.0).glimpse()  # compiled
+
+    def _exactly(self, state: BoardState, check: Check) -> Callable[[], LampsLit]:
+        self.prepare()
+        return partial(self._lit, state, check)
+
+    def _lit(self, state: BoardState, check: Check) -> LampsLit:
+        """The light of a state as a relight finds it."""
+        check()
+        if not state.lamps:
+            return LampsLit(self.source.mixture(state.captured, None))
+        tracer = self.source.mix.light_of([lamp.asked for lamp in state.lamps], state.captured)
+        direct = tracer.direct_of(*range(len(state.lamps)), advance=check)
+        check()
+        beside = self.source.mixture(state.captured, tracer.with_bounces(direct))
+        dark = not direct.any() and (tracer.emitters.color > 0.0).any()
+        return LampsLit(beside, DARK if dark else "")
+
+    def _quickly(self, state: BoardState, known: Answer[BoardState, LampsLit] | None) -> Callable[[], LampsLit] | None:
+        return partial(self._changed, state, known) if self.ready and known is not None else None
+
+    def _changed(self, state: BoardState, known: Answer[BoardState, LampsLit]) -> LampsLit:
+        """The light of a state from a known one: what lamps changed since do is replaced, by one ray a vertex."""
+        before, beside = known.state, known.result.beside
+        captured, plain = self.source.mixture(before.captured, None), self.source.mix.light_of((), 1.0).without_bounces
+        level = np.float32(captured.level)
+        radiance, received = np.zeros_like(captured.radiance), np.zeros_like(captured.received)
+        if beside is not None:
+            radiance = level * (beside.radiance - captured.radiance)
+            received = level * (beside.received - captured.received)
+        for one, other, add in ((before, state, np.subtract), (state, before, np.add)):
+            for lamp in one.lamps:
+                if lamp not in other.lamps:
+                    light = plain(self._glimpse(lamp))
+                    radiance, received = add(radiance, light.radiance), add(received, light.received)
+        radiance, received = np.maximum(radiance, 0.0), np.maximum(received, 0.0)
+        lamps = Placed(radiance, received, received, []) if state.lamps else None
+        return LampsLit(self.source.mixture(state.captured, lamps))
+
+    def _traced(self, lamp: BoardLamp) -> NDArray[np.float32]:
+        """The direct light of a lamp with hard shadows, (V, 3)."""
+        return self.source.mix.light_of([lamp.asked], 1.0).glimpse()
