@@ -9,8 +9,8 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from splat2mesh.base.choices import MOST_STEPS
-from splat2mesh.base.commandline import chosen, several, share
+from splat2mesh.base.choices import MOST_STEPS, check_choice
+from splat2mesh.base.commandline import share
 from splat2mesh.base.console import Display, notify, open_streams, run
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.outputs import check_output
@@ -19,12 +19,10 @@ from splat2mesh.base.requests import given, option_names
 from splat2mesh.cli import convert_options, display_options, tiling_options
 
 from .arguments import parser
-from .light import CAPTURED_SKIES, SKIES
+from .light import CAPTURED_SKIES
 from .light.axes import check_axis
 from .options import LightingOptions
-from .output.kinds import BAKED, CITY_FILES, COLOR_SPACES, FILES, HARMONICS
-from .request import RelightRequest
-from .transfer import METHODS
+from .request import ALBEDOS, RelightRequest
 
 if TYPE_CHECKING:
     from .jobs.job import Job
@@ -89,25 +87,19 @@ def _phrases(words: list[list[str]]) -> list[str]:
     return [" ".join(each).strip() for each in words]
 
 
-def _word_or_file(option: str, value: str, words: Iterable[str]) -> str:
+def _word_or_file(name: str, value: str, words: Iterable[str]) -> str:
     """A file, or one of the words. Raises InputError for anything else."""
-    return value if Path(value).exists() or "." in value else chosen(option, value, words)
+    return value if Path(value).exists() or "." in value else check_choice(name, value, words)
 
 
 READ: dict[str, Callable[[Any], Any]] = {
     "placed": _phrases,
     "inserted": _phrases,
     "parts": _phrases,
-    "method": lambda value: chosen("--method", value, METHODS),
     "tolerance": lambda value: share("--tolerance", value),
-    "captured_sky": lambda value: _word_or_file("--captured-sky", value, CAPTURED_SKIES),
+    "captured_sky": lambda value: _word_or_file("captured_sky", value, CAPTURED_SKIES),
     "angles_deg": angles_from,
-    "formats": lambda value: several("--format", value, dict.fromkeys([*FILES, *CITY_FILES])),
-    "baked": lambda value: several("--bake", value, BAKED),
-    "harmonics": lambda value: chosen("--harmonics", value, HARMONICS),
-    "sky": lambda value: chosen("--sky", value, SKIES),
-    "albedo": lambda value: _word_or_file("--albedo", value, ("estimated", "captured", "white")),
-    "color_space": lambda value: chosen("--color-space", value, COLOR_SPACES),
+    "albedo": lambda value: _word_or_file("albedo", value, ALBEDOS),
 }
 """Field of a request -> what turns its words into the value, or raises InputError."""
 

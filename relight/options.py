@@ -204,14 +204,6 @@ def _able(method: str) -> frozenset[str]:
     return frozenset(EFFECTS if method in ("auto", "raytraced") else ())
 
 
-def _one_of(*choices: str) -> Callable[[str, Any], Any]:
-    def checked(name: str, value: Any) -> Any:
-        check_choice(name, value, choices)
-        return value
-
-    return checked
-
-
 def _checked_bands(_: str, bands: int) -> int:
     from .sh.harmonics import check_bands
 
@@ -324,7 +316,7 @@ def _checked_effects(choice: str | Iterable[str], method: str) -> str | frozense
 
 
 _CHECKED: dict[str, Callable[[str, Any], Any]] = {
-    "method": _one_of(*METHODS),
+    "method": lambda name, value: check_choice(name, value, METHODS),
     "seed": lambda _, seed: check_seed(seed),
     "bands": _checked_bands,
     "rays": lambda _, rays: check_rays(rays),

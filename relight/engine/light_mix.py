@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..lamps.asked import AskedLamp, LampScale, in_words, resolve
 from ..lamps.moving import moved
 from ..lamps.photometry import times
-from ..lamps.placing import in_brief
+from ..lamps.spec import in_brief
 from ..light.captured import CapturedLight
 from ..light.environment import Environment
 from ..light.tonemap import auto_exposure

@@ -3,7 +3,6 @@
 A colour here is linear Rec. 709 RGB whose luminance is 1, so that it never changes how bright a lamp is.
 """
 
-import difflib
 import math
 import re
 from collections.abc import Sequence
@@ -12,6 +11,7 @@ import numpy as np
 
 from splat2mesh.base.arrays import Triple
 from splat2mesh.base.errors import InputError
+from splat2mesh.base.specs import clip, meant
 from splat2mesh.scene.color import linear_from_srgb, luminance
 
 from ..light.color_spaces import REC709, xyz_from_rgb
@@ -60,10 +60,8 @@ def parse_color(value: str | Sequence[float]) -> Triple:
         return _of_luminance_1((red, green, blue))
     if "," in text:
         return _of_luminance_1(checked_light("color", text.split(",")))  # type: ignore[arg-type]  # it makes floats
-    near = difflib.get_close_matches(text, [*TEMPERATURES, *NAMES], 1)
-    meant = f"; did you mean {near[0]}?" if near else ""
     expected = "a temperature such as 3000K, sRGB such as #ffcc88, a name such as warm, or linear red,green,blue"
-    raise InputError(f"`color` {' '.join(value.split())[:40]}: expected {expected}{meant}")
+    raise InputError(f"`color` {clip(value)}: expected {expected}{meant(text, [*TEMPERATURES, *NAMES])}")
 
 
 def blackbody(kelvin: float) -> Triple:

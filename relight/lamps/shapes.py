@@ -29,8 +29,12 @@ class _Shape:
                 _keep(self, each.name, vector(each.name, value))
             elif each.name == "radius":
                 _keep(self, each.name, checked_size(each.name, value, least=0.0))
+            elif each.name == "turn_deg":
+                _keep(self, each.name, checked_size(each.name, value, least=-math.inf))
             elif each.name in ("radiance", "intensity") and value is not None:
                 _keep(self, each.name, checked_light(each.name, value))
+            elif each.name in ("vertical_deg", "horizontal_deg", "table"):
+                _keep(self, each.name, np.asarray(value, float))
         if hasattr(self, "target") and self.position == self.target:  # type: ignore[attr-defined]
             raise InputError("`target`: it lies at the position of its lamp, so the light has no direction")
 
@@ -176,14 +180,13 @@ class ProfileLamp(_Shape):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        vertical, horizontal = np.asarray(self.vertical_deg, float), np.asarray(self.horizontal_deg, float)
-        table = np.asarray(self.table, float)
+        vertical, horizontal, table = self.vertical_deg, self.horizontal_deg, self.table
+        if not (
+            vertical.ndim == horizontal.ndim == 1 and (np.diff(vertical) > 0).all() and (np.diff(horizontal) > 0).all()
+        ):
+            raise InputError("`vertical_deg`, `horizontal_deg`: expected lists of rising angles")
         if table.shape != (len(vertical), len(horizontal)) or not (np.isfinite(table).all() and (table >= 0).all()):
             raise InputError("`table`: expected one number from 0 for each pair of angles")
-        if not ((np.diff(vertical) > 0).all() and (np.diff(horizontal) > 0).all()):
-            raise InputError("`vertical_deg`, `horizontal_deg`: expected rising angles")
-        for name, value in (("vertical_deg", vertical), ("horizontal_deg", horizontal), ("table", table)):
-            _keep(self, name, value)
 
 
 PLACES, WAYS = ("position", "target", "center", "start", "end"), ("edge_u", "edge_v")
@@ -207,7 +210,9 @@ def checked_size(name: str, value: float, least: float | None = None) -> float:
     except (TypeError, ValueError):
         size = math.nan
     if not (math.isfinite(size) and (size > 0.0 if least is None else size >= least)):
-        expected = "a number above 0" if least is None else f"a number from {least:g}"
+        expected = (
+            "a number above 0" if least is None else f"a number from {least:g}" if least > -math.inf else "a number"
+        )
         raise InputError(f"`{name}` {value}: expected {expected}")
     return size
 

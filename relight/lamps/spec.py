@@ -12,21 +12,40 @@
 The words are those of `splat2mesh.base.specs`.
 """
 
+import os
 import re
+from collections.abc import Iterable
 from dataclasses import replace
-from typing import Any
+from typing import Any, get_args
 
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.inputs import quiet_numbers
-from splat2mesh.base.specs import clip, parse_spec, plain, vector
+from splat2mesh.base.specs import clip, meant, parse_spec, plain, vector
 
-from .asked import AskedLamp
-from .fields import FIELDS, asked_lamp, changed, meant
+from .asked import AskedLamp, Brightness
+from .fields import FIELDS, asked_lamp, changed
 from .files import LAMP_SUFFIXES, read_lamps
 from .moving import shifted
+from .shapes import Lamp, MeshLamp
 
 OF_FILES = ("at", "color", "brightness", "name")
 """Words after a file: where its origin goes, and what its lamps have instead of their own."""
+
+
+def asked_lamps(placed: Iterable[Any]) -> list[AskedLamp]:
+    """Return the requested lamps, in order: a shape, whose light is in units of the picture, an AskedLamp, a text as of
+    `parse_lamps`, or the name of a file. Raises InputError for anything else, and for what makes no sense."""
+    found: list[AskedLamp] = []
+    for each in placed:
+        if isinstance(each, AskedLamp):
+            found.append(each)
+        elif isinstance(each, get_args(Lamp)):
+            found.append(AskedLamp(each, Brightness(1.0, "picture")))
+        elif isinstance(each, (str, os.PathLike)):
+            found += parse_lamps(os.fspath(each))
+        else:
+            raise InputError(f"`placed` {each!r}: expected a lamp, a text or a file of lamps")
+    return found
 
 
 def parse_lamps(text: str) -> list[AskedLamp]:
@@ -76,3 +95,16 @@ def _of_file(path: str, given: dict[str, Any]) -> list[AskedLamp]:
         by = vector("at", given["at"])
         lamps = [replace(asked, shape=shifted(asked.shape, by)) for asked in lamps]
     return lamps
+
+
+def in_brief(shape: Lamp) -> str:
+    """Return the kind of a lamp and where it is: "sphere at 1.5,1.5,-1.5"."""
+    kind = type(shape).__name__.removesuffix("Lamp").lower()
+    if isinstance(shape, MeshLamp):
+        return f"{kind} of {len(shape.faces)} faces at {_place(shape.vertices.mean(axis=0))}"
+    names = ("position", "center", "start")
+    return f"{kind} at {_place(next(getattr(shape, name) for name in names if hasattr(shape, name)))}"
+
+
+def _place(point: Iterable[float]) -> str:
+    return ",".join(f"{value:.3g}" for value in point)

@@ -27,7 +27,7 @@ from ..albedo.samples import vertex_areas
 from ..engine.appearance import CAPTURE, Appearance
 from ..engine.light_mix import LightMix
 from ..engine.relighter import Relighter
-from ..lamps.placing import asked_lamps
+from ..lamps.spec import asked_lamps
 from ..light.captured import CapturedLight
 from ..light.environment import Environment
 from ..options import LightingOptions

@@ -16,9 +16,9 @@ from ..lamps.asked import LARGEST_EV, AskedLamp, Brightness, LampScale, resolve
 from ..lamps.fields import changed
 from ..lamps.moving import shifted
 from ..lamps.photometry import axis_intensity
-from ..lamps.placing import asked_lamps
 from ..lamps.saving import write_lamps
 from ..lamps.shapes import MeshLamp, RectangleLamp, TubeLamp
+from ..lamps.spec import asked_lamps
 from .history import Timeline
 
 MOST_CAPTURED = 10.0
