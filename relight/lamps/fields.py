@@ -137,16 +137,10 @@ def _named(kind: str, given: Mapping[str, Any]) -> dict[str, Any]:
 
 def _made(kind: str, values: Mapping[str, Any], folder: Path | None) -> AskedLamp:
     """The lamp of fields by their full names, without its name."""
-    names = {each.name: each.default is MISSING for each in fields(SHAPES[kind])}
-    own = {name: value for name, value in values.items() if name in names and name not in LIGHT}
-    unsized = kind in USUAL_RADII_M and not {"radius", "intensity"} & values.keys()
-    if unsized:
-        own["radius"] = USUAL_RADII_M[kind]
-    if kind == "rectangle":
-        own |= _sides(values)
-    by_file = FILE_SETS[kind] if "file" in values else ()
+    own, by_file = _own(kind, values), FILE_SETS[kind] if "file" in values else ()
     _check_free(values, by_file, "the file already sets it")
-    _check_there(own, kind, [name for name in names if names[name] and name not in (*LIGHT, *by_file)])
+    needed = [each.name for each in fields(SHAPES[kind]) if each.default is MISSING]
+    _check_there(own, kind, [name for name in needed if name not in (*LIGHT, *by_file)])
     path = inside(folder, values["file"], folder) if folder and by_file else Path(str(values.get("file")))
     if by_file and kind == "mesh":
         return changed(read_glow(path), values)
@@ -156,11 +150,29 @@ def _made(kind: str, values: Mapping[str, Any], folder: Path | None) -> AskedLam
         own |= {name: getattr(profile, name) for name in by_file}
         if not {"brightness", "intensity"} & values.keys():
             brightness = Brightness(profile.candela, "candela")
-    formed = {name: _formed(name, value) for name, value in own.items()}
-    point = "intensity" in values or not ("radiance" in values or checked_size("radius", own.get("radius", 0.0), 0.0))
-    light = [name for name in LIGHT if name in names][-point]
-    formed[light] = _array(light, values[light], np.float64) if _of_faces(values) else WHITE
-    return AskedLamp(SHAPES[kind](**formed), brightness, color, radius_in_metres=unsized)
+    formed = {name: _formed(name, value) for name, value in own.items()} | _lit(kind, values)
+    return AskedLamp(
+        SHAPES[kind](**formed), brightness, color, radius_in_metres="radius" in own and "radius" not in values
+    )
+
+
+def _own(kind: str, values: Mapping[str, Any]) -> dict[str, Any]:
+    """What the shape is made of beside its light: with a usual radius, and the sides of a rectangle."""
+    own = {name: value for name, value in values.items() if name in FIELDS[kind] and name not in (*LIGHT, "file")}
+    if kind in USUAL_RADII_M and not {"radius", "intensity"} & values.keys():
+        own["radius"] = USUAL_RADII_M[kind]
+    if kind == "rectangle":
+        own = {name: value for name, value in own.items() if name not in FACING} | _sides(values)
+    return own
+
+
+def _lit(kind: str, values: Mapping[str, Any]) -> dict[str, Any]:
+    """The light of a shape before colour and brightness: white, as an intensity where it is no surface."""
+    point = "intensity" in values or not (
+        "radiance" in values or checked_size("radius", values.get("radius", 1.0), 0.0)
+    )
+    light = [name for name in LIGHT if name in FIELDS[kind]][-point]
+    return {light: _formed(light, values[light]) if _of_faces(values) else WHITE}
 
 
 def _check_there(values: Mapping[str, Any], kind: str, needed: Iterable[str]) -> None:
@@ -231,7 +243,7 @@ def _sides(values: Mapping[str, Any]) -> dict[str, Any]:
 
 def _formed(name: str, value: Any) -> Any:
     """The value of a field as its shape takes it."""
-    if name in (*FILE_SETS["profile"], "vertices", "faces"):
+    if name in (*FILE_SETS["profile"], "vertices", "faces", "radiance"):
         return _array(name, value, np.int64 if name == "faces" else np.float64)
     if name != "two_sided":
         return value

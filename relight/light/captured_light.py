@@ -196,20 +196,7 @@ def light_file(choice: Any, folder: str | os.PathLike[str] | None) -> LightFile 
     if choice == ANEW:
         return None
     if choice is None or isinstance(choice, int):
-        path = Path(folder or "") / NAME
-        if folder is None or not path.exists():
-            if choice is None:
-                return None
-            where = f"{folder or 'a scene in memory'} holds no {NAME}"
-            raise InputError(f"`captured_light` {choice}: {where}, which an estimate of its light writes")
-        try:
-            lights = read_lights(path)
-        except InputError as error:
-            raise InputError(f"{error}; or ignore it with `captured_light` {ANEW}") from None
-        if choice is not None and choice > len(lights.candidates):
-            raise InputError(f"`captured_light` {choice}: {path} holds {len(lights.candidates)} candidates")
-        entry = lights.chosen if choice is None else lights.candidates[choice - 1]
-        return entry and _file_of(entry, path)
+        return _numbered(choice, folder)
     path = Path(choice)
     if not os.path.lexists(path):
         raise InputError(f"`captured_light` {path}: no such file; expected {NAME}, an environment, a number, or {ANEW}")
@@ -220,6 +207,24 @@ def light_file(choice: Any, folder: str | os.PathLike[str] | None) -> LightFile 
     if entry is None:
         raise InputError(f"`captured_light` {path}: it holds no light")
     return _file_of(entry, path)
+
+
+def _numbered(number: int | None, folder: str | os.PathLike[str] | None) -> LightFile | None:
+    """The file of a candidate in a folder, counted from 1; without a number that of the chosen light, or None."""
+    path = Path(folder or "") / NAME
+    if folder is None or not path.exists():
+        if number is None:
+            return None
+        where = f"{folder or 'a scene in memory'} holds no {NAME}"
+        raise InputError(f"`captured_light` {number}: {where}, which an estimate of its light writes")
+    try:
+        lights = read_lights(path)
+    except InputError as error:
+        raise InputError(f"{error}; or ignore it with `captured_light` {ANEW}") from None
+    if number is not None and number > len(lights.candidates):
+        raise InputError(f"`captured_light` {number}: {path} holds {len(lights.candidates)} candidates")
+    entry = lights.chosen if number is None else lights.candidates[number - 1]
+    return entry and _file_of(entry, path)
 
 
 def _file_of(entry: LikelyLight, path: Path) -> LightFile:
