@@ -32,7 +32,7 @@ class Acting:
             raise InputError("`animated`: no inserted object has an animation; leave it out")
         self.duration_s = max(each.duration_s for each in found)
         self.name = found[0].name
-        self.first = inserts.starting(self._objects(0.0))
+        self.first = inserts.posed(self._objects(0.0), anew=True)
 
     def at(self, time_s: float) -> Inserts:
         """The objects at a time."""

@@ -13,8 +13,8 @@ from ..lamps.asked import AskedLamp, LampScale, in_words, resolve
 from ..lamps.moving import moved
 from ..lamps.photometry import times
 from ..lamps.spec import in_brief
-from ..light.captured import CapturedLight
 from ..light.environment import Environment
+from ..light.loading import CapturedLight
 from ..light.tonemap import auto_exposure
 from ..options import LightingOptions
 from .appearance import Appearance

@@ -4,7 +4,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,10 +16,9 @@ from splat2mesh.splats.joining import joined
 from ..engine.appearance import CAPTURE
 from ..engine.relit_room import SOFTNESS
 from ..planning.costs import FOLLOWED
-from ..transfer.occluder import Frame
 from .asked import AskedInsert
 from .gathering import Casting, change_at, light_on
-from .objects import InsertedObject, read_object
+from .objects import InsertedObject
 from .placing import placed_by
 from .standing import Standing
 from .surroundings import Receiving, Surroundings
@@ -47,22 +46,12 @@ BURIED = 0.9
 """Share of dark vertices above which an object is inside a wall."""
 
 
-class Held(NamedTuple):
-    """What objects keep when they move. frame: the unit Frame of the scene. diagonal: of the scene. objects: as read.
-    placed: the matrices of where they are; None where they are placed anew."""
-
-    frame: Frame
-    diagonal: float
-    objects: list[InsertedObject]
-    placed: list[NDArray[np.float64]] | None = None
-
-
 class Inserts:
     """Objects in the scene of a Relighter.
 
-    asked: the requested objects. look: returns the Appearance, whose albedo bounces use. read: reads a requested
-    object, as `read_object` reads meshes. held: of the same objects elsewhere.
-    Raises InputError, on first use, for files that cannot be read.
+    asked: the requested objects. look: returns the Appearance, whose albedo bounces use. objects: returns them as
+    read, in their own frames. placed: their matrices; without they are placed anew. Raises InputError, on first use,
+    for files that cannot be read.
     """
 
     def __init__(
@@ -70,10 +59,11 @@ class Inserts:
         asked: Sequence[AskedInsert],
         relighter: "Relighter",
         look: "Callable[[], Appearance]",
-        read: Callable[[AskedInsert], InsertedObject] = read_object,
-        held: Held | None = None,
+        objects: Callable[[], list[InsertedObject]],
+        placed: list[NDArray[np.float64]] | None = None,
     ) -> None:
-        self.asked, self.relighter, self._look, self._read, self._given = list(asked), relighter, look, read, held
+        self.asked, self.relighter, self._look = list(asked), relighter, look
+        self._objects, self._placed = objects, placed
 
     @property
     def look(self) -> "Appearance":
@@ -81,44 +71,31 @@ class Inserts:
 
     def moved(self, asked: Sequence[AskedInsert]) -> "Inserts":
         """The same objects in other positions, without reading them again."""
-        return Inserts(asked, self.relighter, self._look, held=self._held)
+        return Inserts(asked, self.relighter, self._look, lambda: self.objects)
 
-    def posed(self, objects: list[InsertedObject]) -> "Inserts":
-        """The same objects in other poses, placed by the same matrices."""
-        held = self._held._replace(objects=objects, placed=self._placed)
-        return Inserts(self.asked, self.relighter, self._look, held=held)
+    def posed(self, objects: list[InsertedObject], anew: bool = False) -> "Inserts":
+        """The same objects in other poses, placed by the same matrices or anew."""
+        return Inserts(self.asked, self.relighter, self._look, lambda: objects, None if anew else self.placed)
 
-    def starting(self, objects: list[InsertedObject]) -> "Inserts":
-        """The same objects in other poses, dropped onto the floor."""
-        return Inserts(self.asked, self.relighter, self._look, held=self._held._replace(objects=objects))
-
-    @property
+    @cached_property
     def objects(self) -> list[InsertedObject]:
         """The objects as read, in their own frames."""
-        return self._held.objects
+        return self._objects()
 
     @cached_property
-    def _held(self) -> Held:
-        """What stays where they move."""
-        if self._given is not None:
-            return self._given._replace(placed=None)
-        scene = self.relighter.scene
-        frame = Frame.around(scene.vertices, scene.faces)
-        return Held(frame, scene.diagonal, [self._read(each) for each in self.asked])
-
-    @cached_property
-    def _placed(self) -> list[NDArray[np.float64]]:
-        if self._given is not None and self._given.placed is not None:
-            return self._given.placed
-        scene, occluder, held = self.relighter.scene, self.relighter.occluder, self._held
-        objects = zip(self.asked, held.objects, strict=True)
-        return [placed_by(asked, each.joined("vertices"), scene, occluder, held.diagonal) for asked, each in objects]
+    def placed(self) -> list[NDArray[np.float64]]:
+        """Of each object, scene_from_object, (4, 4)."""
+        if self._placed is not None:
+            return self._placed
+        scene, occluder = self.relighter.scene, self.relighter.occluder
+        objects = zip(self.asked, self.objects, strict=True)
+        return [placed_by(asked, each.joined("vertices"), scene, occluder) for asked, each in objects]
 
     @cached_property
     def standing(self) -> Standing:
         """The objects at their positions."""
         with self.relighter.stages.stage("objects"):
-            return Standing.of(self._held.frame, self._held.objects, self._placed)
+            return Standing.of(self.relighter.occluder.frame, self.objects, self.placed)
 
     def under(
         self, around: Surroundings, received: NDArray[np.float32], check: Callable[[int], None] = lambda count: None

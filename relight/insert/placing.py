@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from splat2mesh.base.errors import DataWarning
 from splat2mesh.scene.scene import Scene
 
-from ..transfer.occluder import Frame, Occluder
+from ..transfer.occluder import Occluder
 from .asked import AskedInsert
 
 MOST_OF_SCENE = 0.5
@@ -27,7 +27,6 @@ def placed_by(
     vertices: NDArray[np.float32],  # (V, 3) of the object, y up
     scene: Scene,
     occluder: Occluder,  # of that scene
-    diagonal: float | None = None,  # of the scene, where it is known
 ) -> NDArray[np.float64]:
     """Return scene_from_object, (4, 4). Warns with a DataWarning of an object of another unit than the scene's.
 
@@ -36,7 +35,7 @@ def placed_by(
     matrix = np.asarray(scene.scene_from_splat, np.float64)
     unit = float(np.cbrt(abs(np.linalg.det(matrix[:3, :3])))) or 1.0
     size = float(np.linalg.norm(np.ptp(vertices.astype(np.float64), axis=0))) * unit
-    scale, diagonal = asked.scale, scene.diagonal if diagonal is None else diagonal
+    scale, diagonal = asked.scale, occluder.frame.diagonal
     if scale is None:
         scale = _guessed_scale(asked.name, size, diagonal)
     elif size * scale > diagonal:
@@ -49,7 +48,7 @@ def placed_by(
     placed[:3, :3] = np.array([[cos, 0.0, sin], [0.0, 1.0, 0.0], [-sin, 0.0, cos]]) * scale * unit
     placed[:3, 3] = matrix[:3, :3] @ np.asarray(asked.at) + matrix[:3, 3]
     if asked.on == "floor":
-        placed[1, 3] += _drop(vertices.astype(np.float64) @ placed[:3, :3].T + placed[:3, 3], scene, occluder)
+        placed[1, 3] += _drop(vertices.astype(np.float64) @ placed[:3, :3].T + placed[:3, 3], occluder)
     return placed
 
 
@@ -65,17 +64,16 @@ def _guessed_scale(name: str, size: float, diagonal: float) -> float:
     return float(scale)
 
 
-def _drop(vertices: NDArray[np.float64], scene: Scene, occluder: Occluder) -> float:
+def _drop(vertices: NDArray[np.float64], occluder: Occluder) -> float:
     """Height by which an object (V, 3) moves up to stand on the highest surface below it, searched from its middle."""
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     share = (np.arange(COLUMNS) + 0.5) / COLUMNS
     x, z = (grid.ravel() for grid in np.meshgrid(*(low[axis] + share * (high - low)[axis] for axis in (0, 2))))
     middle = 0.5 * (low[1] + high[1])
-    frame = Frame.around(scene.vertices, scene.faces)
     rays = np.zeros((len(x), 6), np.float32)
-    rays[:, :3] = frame.unit(np.stack([x, np.full_like(x, middle), z], axis=1))
+    rays[:, :3] = occluder.frame.unit(np.stack([x, np.full_like(x, middle), z], axis=1))
     rays[:, 4] = -1.0
-    distance = occluder.first_hits(rays).distance * frame.diagonal
+    distance = occluder.first_hits(rays).distance * occluder.frame.diagonal
     # A surface under one corner alone, such as a table's edge, does not support it: most columns must be no lower.
     met = np.sort(distance[np.isfinite(distance)])
     if not len(met):

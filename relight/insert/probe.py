@@ -24,7 +24,7 @@ from splat2mesh.views.eyes import FOV_DEG
 from splat2mesh.views.standpoints import NEAR_DIAGONAL
 
 from ..light import HEIGHT
-from ..transfer.occluder import Frame, Occluder
+from ..transfer.occluder import Occluder
 from .surroundings import Sky
 
 SURE = 0.85
@@ -58,10 +58,9 @@ class ProbedScene(NamedTuple):
         directions = texel_directions(height, 2 * height).reshape(-1, 3)
         scene, occluder, light, exposure = self.scene, self.occluder, self.light, self.exposure
         matrix = np.asarray(scene.scene_from_splat, np.float64)
-        frame = Frame.around(scene.vertices, scene.faces)
         at = matrix[:3, :3] @ np.asarray(place, np.float64) + matrix[:3, 3]
         rays = np.empty((len(directions), 6), np.float32)
-        rays[:, :3], rays[:, 3:] = frame.unit(at[None]), directions
+        rays[:, :3], rays[:, 3:] = occluder.frame.unit(at[None]), directions
         hits = occluder.first_hits(rays)
         _check_free(scene, hits.faces, directions, place)
         shown, alpha = _shown(self.splats, scene, np.asarray(place, np.float64), directions, height)

@@ -12,7 +12,7 @@ from splat2mesh.base.errors import InputError
 from splat2mesh.base.sphere import EVENLY, fibonacci_sphere
 from splat2mesh.scene.scene import Scene
 
-from ..transfer.occluder import Frame, Occluder
+from ..transfer.occluder import Occluder
 
 MOST = 4096
 """Most probes of a grid: each renders a picture."""
@@ -73,14 +73,13 @@ def usual_box(scene: Scene) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 def free(scene: Scene, occluder: Occluder, positions: Points) -> Mask:
     """Mask (N,) bool of the positions (N, 3), scene frame, that are outside walls, bodies and the ground."""
     directions = fibonacci_sphere(EVENLY)
-    frame = Frame.around(scene.vertices, scene.faces)
     a, b, c = np.moveaxis(scene.vertices[scene.faces].astype(np.float64), 1, 0)
     normals = np.cross(b - a, c - a)
     result = np.empty(len(positions), bool)
     rays = np.empty((EVENLY, 6), np.float32)
     rays[:, 3:] = directions
     for number, at in enumerate(np.asarray(positions, np.float64)):
-        rays[:, :3] = frame.unit(at[None])
+        rays[:, :3] = occluder.frame.unit(at[None])
         faces = occluder.first_hits(rays).faces
         met = np.flatnonzero(faces >= 0)
         backs = int(((normals[faces[met]] * directions[met]).sum(axis=1) > 0.0).sum())

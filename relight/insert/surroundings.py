@@ -1,6 +1,5 @@
 """The light around an object: the radiance of surfaces, the sky behind them, suns and lamps."""
 
-import copy
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -101,9 +100,8 @@ def receivers_in(
 ) -> Occluder:
     """An Occluder of the objects alone (V, 3), in the unit frame of a scene. Rays start as close to them as their own
     size allows. caster: of the objects, in that frame."""
-    own, alone = Frame.around(vertices, faces), Occluder(vertices, normals, faces)
-    moved = copy.copy(alone)
-    moved.origins = frame.unit(alone.origins.astype(np.float64) * own.diagonal + own.center)
+    moved = Occluder(vertices, normals, faces)
+    moved.origins = frame.unit(moved.origins.astype(np.float64) * moved.frame.diagonal + moved.frame.center)
     moved._caster = caster
     return moved
 
@@ -133,8 +131,7 @@ def surroundings_of(
         own = _lamp_of(scene, glow, glowing)
         lamps += [] if own is None else [own]
         sent[glowing] = 0.0
-    frame = Frame.around(scene.vertices, scene.faces)
-    emitters = emitters_of(lamps, frame.center, frame.diagonal) if lamps else None
+    emitters = emitters_of(lamps, occluder.frame.center, occluder.frame.diagonal) if lamps else None
     return Surroundings(occluder, sent, rests, Suns(np.concatenate(directions), np.concatenate(weights)), emitters)
 
 

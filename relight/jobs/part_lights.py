@@ -11,8 +11,8 @@ from splat2mesh.base.errors import InputError
 from ..engine.appearance import Appearance
 from ..engine.relighter import Shaded
 from ..lamps.color import WHITE
-from ..light.captured import CapturedLight
 from ..light.environment import Environment
+from ..light.loading import CapturedLight
 from ..live.parts import LivePart
 from ..output.subject import PartInLight
 from ..splats.kept_parts import kept_parts

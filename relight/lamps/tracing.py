@@ -38,27 +38,18 @@ CHANCE_PART = 6
 bright as each other, the worst case, the error is .03 with 32 rays; with 2 instead of 6 it is .07."""
 
 
-class LitVertices(NamedTuple):
-    """Vertices that light is traced for. rows: which; all without. leaf: (N,) float32, which part of each of them is a
-    leaf, which light reaches alike from all sides; none without."""
-
-    rows: NDArray[np.int64] | slice = slice(None)
-    leaf: NDArray[np.float32] | None = None
-
-
 def lamplight(
     occluder: Occluder,
     emitters: Emitters,  # in its unit frame
     rays: int = 16,  # per vertex and emitter in half-shadows; elsewhere a few
     *,
-    at: "LitVertices | Ordered" = LitVertices(),  # noqa: B008
+    at: "Ordered | None" = None,  # of which vertices; all without
     least: float = 0.0,  # luminance below which the light of one emitter at one vertex is left out
-    seed: int = 0,  # of the rays and of the choice among many emitters
     advance: Callable[[int], None] = lambda count: None,  # called with the number of vertices done
     every: bool = False,  # whether each vertex takes all emitters, however many: what a choice is judged by
 ) -> NDArray[np.float32]:
     """Return the exit radiance of white vertices in the light of emitters alone, (V, 3) float32."""
-    vertices = at if isinstance(at, Ordered) else ordered(occluder, *at, seed)
+    vertices = ordered(occluder) if at is None else at
     found = np.zeros((len(vertices.order), 3), np.float32)
     count = len(emitters.kind)
     batch = max(1, min(ROWS_AT_ONCE, BATCH_RAYS // count)) if every and count else ROWS_AT_ONCE
@@ -87,8 +78,8 @@ class Ordered(NamedTuple):
 def ordered(
     occluder: Occluder,
     rows: NDArray[np.int64] | slice = slice(None),
-    leaf: NDArray[np.float32] | None = None,
-    seed: int = 0,
+    leaf: NDArray[np.float32] | None = None,  # (N,), part of each that is a leaf, lit alike from all sides
+    seed: int = 0,  # of the rays and of the choice among many emitters
 ) -> Ordered:
     """Return what `lamplight` needs of its vertices, which is the same for all lamps."""
     origins, normals = occluder.origins[rows], occluder.normals[rows]

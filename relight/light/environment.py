@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from splat2mesh.base.arrays import Coefficients, Directions, Floats, Mask, Radiance
+from splat2mesh.base.arrays import Coefficients, Directions, Floats, Radiance
 from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.base.inputs import reading
 from splat2mesh.scene.color import luminance
@@ -38,9 +38,8 @@ class Environment:
     formula: name of the built-in sky that it is, which pictures show in any detail; None for others.
     turned: axis and angle_deg of a turn about another axis that the image has; None without.
     exposed: whether it is in the unit of a capture's colours, which need no exposure to be found.
-    repaired: dict of defect -> number of pixels that had it. "NaN": now the mean of the valid values around
-        it (0 without any); "infinite": the largest finite value of its channel; "negative": 0;
-        "above 1e+12": that.
+    repaired: dict of defect -> number of pixels that had it. "NaN", "negative": now 0;
+        "infinite": the largest finite value of its channel; "above 1e+12": that.
     """
 
     def __init__(self, radiance: Radiance, name: str = "environment", rotation_deg: float = 0.0) -> None:
@@ -186,11 +185,10 @@ def _repaired(image: ArrayLike, name: str) -> tuple[NDArray[np.float32], dict[st
         raise InputError(f"{name}: no pixel of the image is finite; write the file again")
     defects = {"NaN": np.isnan(image), "infinite": image == np.inf, "negative": image < 0.0}
     repaired = {defect: int(mask.any(axis=2).sum()) for defect, mask in defects.items() if mask.any()}
-    image[defects["negative"]] = 0.0
+    image[defects["negative"] | defects["NaN"]] = 0.0
     for channel in range(3):
         values = image[..., channel]
         values[defects["infinite"][..., channel]] = values[np.isfinite(values)].max(initial=0.0)
-    _fill_from_neighbors(image, defects["NaN"])
     bright = image > MOST_RADIANCE
     if bright.any():
         image[bright] = MOST_RADIANCE
@@ -198,17 +196,3 @@ def _repaired(image: ArrayLike, name: str) -> tuple[NDArray[np.float32], dict[st
     counts = ", ".join(f"{count} {defect}" for defect, count in repaired.items())
     warnings.warn(f"{name}: repaired invalid pixels: {counts}", DataWarning, stacklevel=3)
     return image, repaired
-
-
-def _fill_from_neighbors(image: NDArray[np.float32], missing: Mask) -> None:
-    """Give missing values, in place, the mean of the valid ones among the eight around them."""
-    height, width = image.shape[:2]
-    row, column, channel = np.nonzero(missing)
-    image[missing] = 0.0
-    total, count = np.zeros((2, len(row)))
-    for down in (-1, 0, 1):
-        for right in (-1, 0, 1):
-            neighbor = np.clip(row + down, 0, height - 1), (column + right) % width, channel
-            total += image[neighbor]
-            count += ~missing[neighbor]
-    image[missing] = total / np.maximum(count, 1)

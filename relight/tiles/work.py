@@ -28,8 +28,8 @@ from ..engine.appearance import CAPTURE, Appearance
 from ..engine.light_mix import LightMix
 from ..engine.relighter import Relighter
 from ..lamps.spec import asked_lamps
-from ..light.captured import CapturedLight
 from ..light.environment import Environment
+from ..light.loading import CapturedLight
 from ..options import LightingOptions
 from ..output.relit_splats import BoundSplats, SplatLight, relit
 from ..splats.binding import Binding
