@@ -5,16 +5,14 @@ captured_sun("210,35 north=20")      azimuth and height in degrees
 """
 
 import math
-import re
 from collections.abc import Sequence
 from typing import NoReturn
 
 from splat2mesh.base.errors import InputError
+from splat2mesh.base.specs import parse_spec, plain
 
 from .daylight import DaylightRequest
 from .sun_position import sun_position, toward
-
-_WORDS = re.compile(r"\s+(?=(?:at|north)=)")
 
 _EXPECTED = "expected a time with its zone and a place, or azimuth and height, such as 210,35"
 
@@ -46,10 +44,12 @@ def captured_sun(said: DaylightRequest | str | Sequence[float]) -> tuple[float, 
 
 
 def _of_text(text: str) -> tuple[float, float, float]:
-    value, *words = _WORDS.split(text)
-    given = dict(word.split("=", 1) for word in words)
-    if len(given) < len(words):
-        _refuse(text, "expected `at` and `north` once each")
+    try:
+        value, given = parse_spec(text)
+    except InputError as error:
+        _refuse(text, plain(error))
+    if given.keys() - {"at", "north"}:
+        _refuse(text, _EXPECTED)
     try:
         north_deg = float(given.get("north", 0.0))
     except ValueError:

@@ -53,9 +53,7 @@ def latlong_from_angular(image: Radiance) -> NDArray[np.float32]:
     """
     size = image.shape[0]
 
-    def pixel(
-        x: NDArray[np.float64], y: NDArray[np.float64], z: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def pixel(x: Floats, y: Floats, z: Floats) -> tuple[Floats, Floats]:
         across = np.hypot(x, y)
         # Bilinear lookups that straddled the rim would mix in the black beyond it.
         radius = np.minimum(np.arctan2(across, -z) / np.pi, 1.0 - 3.0 / size)
@@ -72,9 +70,7 @@ def latlong_from_cross(image: Radiance) -> NDArray[np.float32]:
     """
     face = image.shape[1] // 3
 
-    def pixel(
-        x: NDArray[np.float64], y: NDArray[np.float64], z: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def pixel(x: Floats, y: Floats, z: Floats) -> tuple[Floats, Floats]:
         directions = np.stack([x, y, z])
         column, row = np.zeros((2, *x.shape))
         largest = np.abs(directions).max(axis=0)
@@ -100,9 +96,7 @@ def latlong_turned(image: Radiance, rotor: Floats, rotation_deg: float = 0.0) ->
     padded = np.pad(np.concatenate([ends[0], image, ends[1]]), ((0, 0), (1, 1), (0, 0)), mode="wrap")
     back = np.asarray(rotor) * [1.0, -1.0, -1.0, -1.0]
 
-    def pixel(
-        x: NDArray[np.float64], y: NDArray[np.float64], z: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def pixel(x: Floats, y: Floats, z: Floats) -> tuple[Floats, Floats]:
         # Harmonics of degree 1 are y, z and x, so they turn as directions do.
         turned = rotors.rotate(np.stack([np.zeros_like(x), y, z, x]).reshape(4, -1), back)
         _, y, z, x = turned.reshape(4, *x.shape)
@@ -115,11 +109,7 @@ def latlong_turned(image: Radiance, rotor: Floats, rotation_deg: float = 0.0) ->
 
 
 def _resample(
-    image: Radiance,
-    height: int,
-    pixel: Callable[
-        [NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]
-    ],
+    image: Radiance, height: int, pixel: Callable[[Floats, Floats, Floats], tuple[Floats, Floats]]
 ) -> NDArray[np.float32]:
     """Lat-long (height, 2 height, 3) float32: the mean of bilinear lookups over each texel, by solid angle.
 
