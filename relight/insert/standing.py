@@ -12,7 +12,6 @@ from splat2mesh.scene.mesh import unit
 
 from ..transfer.occluder import Frame, Occluder
 from .objects import InsertedObject
-from .surroundings import receivers_in
 
 ROOM = 1.001
 """Factor by which spheres exceed their content, so that rays beside an edge count."""
@@ -54,8 +53,11 @@ class Standing:
 
     @cached_property
     def occluder(self) -> Occluder:
-        """The objects alone, in the unit frame of the scene."""
-        return receivers_in(self.frame, self.vertices, self.normals, self.faces, self.caster)
+        """The objects alone, in the unit frame of the scene. Rays start as close to them as their own size allows."""
+        found = Occluder(self.vertices, self.normals, self.faces)
+        found.origins = self.frame.unit(found.origins.astype(np.float64) * found.frame.diagonal + found.frame.center)
+        found._caster = self.caster
+        return found
 
     @cached_property
     def caster(self) -> RayCaster:

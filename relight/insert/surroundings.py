@@ -16,7 +16,7 @@ from ..light.environment import Environment
 from ..light.sun_split import split
 from ..light.suns import Suns
 from ..transfer import DEFAULT_BANDS
-from ..transfer.occluder import Frame, Occluder
+from ..transfer.occluder import Occluder
 
 MOST_GLOWING = 20_000
 """Most faces of captured lamps that emit. Of more faces, every n-th emits, n times as bright."""
@@ -89,21 +89,6 @@ class Together(Occluder):
         free = ~hidden
         hidden[free] = self._scene.occluded(rays[free], far)
         return hidden
-
-
-def receivers_in(
-    frame: Frame,
-    vertices: NDArray[np.float32],
-    normals: NDArray[np.float32],
-    faces: NDArray[np.int32],
-    caster: RayCaster,
-) -> Occluder:
-    """An Occluder of the objects alone (V, 3), in the unit frame of a scene. Rays start as close to them as their own
-    size allows. caster: of the objects, in that frame."""
-    moved = Occluder(vertices, normals, faces)
-    moved.origins = frame.unit(moved.origins.astype(np.float64) * moved.frame.diagonal + moved.frame.center)
-    moved._caster = caster
-    return moved
 
 
 def surroundings_of(

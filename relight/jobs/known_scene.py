@@ -25,8 +25,7 @@ from ..engine.tint import color_where_white, retinted
 from ..gloss import SceneGloss
 from ..insert.asked import AskedInsert
 from ..insert.inserts import Inserts
-from ..insert.objects import read_object
-from ..insert.splat_insert import splat_object
+from ..insert.objects import read_object, splat_object
 from ..light import CAPTURED
 from ..light.environment import Environment
 from ..light.loading import light_of

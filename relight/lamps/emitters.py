@@ -78,7 +78,13 @@ def emitters_of(
     return _packed(rows, tables)
 
 
-_USUAL = {"first": np.zeros(3), "second": np.zeros(3), "radius": 0.0, "cone": (math.pi, math.pi), "two_sided": False}
+_USUAL = {
+    "first": (0.0, 0.0, 0.0),
+    "second": (0.0, 0.0, 0.0),
+    "radius": 0.0,
+    "cone": (math.pi, math.pi),
+    "two_sided": False,
+}
 
 
 def _rows(lamp: Lamp, center: NDArray[np.float64], diagonal: float) -> list[dict[str, Any]]:

@@ -12,10 +12,11 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from splat2mesh.base.kernels import kernel
-from splat2mesh.base.threads import ROWS_AT_ONCE, in_slices
+from splat2mesh.base.threads import ROWS_AT_ONCE, in_batches, in_slices
 from splat2mesh.render.raycaster import FREE
 
 from ..light.sky_model import SUN_RADIUS_DEG
@@ -23,7 +24,6 @@ from ..transfer.consensus import PILOTS
 from ..transfer.neighbors import along_curve
 from ..transfer.occluder import BATCH_RAYS, Occluder
 from ..transfer.sampling import hashed_offsets
-from .choosing import ALONE, Chosen, chosen_at
 from .emitters import Emitters
 from .unoccluded import BALL, aimed, directed, unoccluded
 
@@ -32,6 +32,13 @@ DRAFT_RAYS = 32
 
 POINT_ANGLE = math.radians(SUN_RADIUS_DEG)
 """Radius over distance up to which a ball is a point, for which one ray is enough: the suns of a sky are points too."""
+
+ALONE = 24
+"""Number of brightest emitters that a vertex samples for certain; it samples all if there are no more than these."""
+
+BLOCK = 16
+"""Vertices, side by side along a curve through space, that share a list of the brightest. Among 64, which reach over
+the gaps between bodies, some have a lamp at hand that is none of the brightest in their middle: single bright dots."""
 
 CHANCE_PART = 6
 """Emitters that it takes for all the others, per ray in half-shadows; one ray to each. Among 500 bulbs that are as
@@ -95,6 +102,56 @@ class Lit(NamedTuple):
     occluder: Occluder
     emitters: Emitters
     places: tuple[NDArray[np.float32], ...]
+
+
+class Chosen(NamedTuple):
+    """Which emitters a run of vertices takes: (V, E) int32, -1 for none, and their weights (V, E) float32."""
+
+    emitters: NDArray[np.int32]
+    weights: NDArray[np.float32]
+
+
+def chosen_at(places: tuple[NDArray[np.float32], ...], emitters: Emitters, least: float, chance: int) -> Chosen:
+    """Return the emitters that vertices take, of whose places as of `Lit`: all where there are few; else the
+    brightest, and `chance` others."""
+    origins, _, _, offsets = places
+    count = len(emitters.kind)
+    if count <= ALONE + chance:
+        every = np.broadcast_to(np.arange(count, dtype=np.int32), (len(origins), count))
+        return Chosen(np.ascontiguousarray(every), np.ones(every.shape, np.float32))
+    taken = np.full((len(origins), ALONE + chance), -1, np.int32)
+    weights = np.zeros(taken.shape, np.float32)
+
+    def choose(part: slice) -> None:
+        usual = _usual(origins[part], emitters, least)
+        block = np.arange(len(origins[part])) // BLOCK
+        best = np.argpartition(-usual, ALONE, axis=1)[:, :ALONE]
+        alone = np.take_along_axis(usual, best, axis=1) > 0.0
+        taken[part, :ALONE], weights[part, :ALONE] = np.where(alone, best, -1)[block], alone[block]
+        np.put_along_axis(usual, best, 0.0, axis=1)
+        total = usual.sum(axis=1)
+        share = np.cumsum(usual, axis=1) / np.maximum(total, 1e-300)[:, None]
+        at = (np.arange(chance) + offsets[part, :1]) / chance
+        found = np.searchsorted((share + np.arange(len(share))[:, None]).ravel(), at + block[:, None], side="right")
+        found = np.minimum(found - block[:, None] * count, count - 1)
+        bright = usual[block[:, None], found]
+        lit = bright > 0.0
+        taken[part, ALONE:] = np.where(lit, found, -1)
+        weights[part, ALONE:] = np.where(lit, total[block, None] / (chance * np.where(lit, bright, 1.0)), 0.0)
+
+    in_batches(choose, len(origins), BLOCK * max(1, ROWS_AT_ONCE // count))
+    return Chosen(taken, weights)
+
+
+def _usual(origins: NDArray[np.float32], emitters: Emitters, least: float) -> NDArray[np.float64]:
+    """What emitters give in the middle of each BLOCK of vertices (V, 3), at most: (B, E); 0 for less than `least`."""
+    starts = np.arange(0, len(origins), BLOCK)
+    low, high = (each.reduceat(origins, starts, axis=0) for each in (np.minimum, np.maximum))
+    radius = 0.5 * np.linalg.norm(high - low, axis=1, keepdims=True)
+    distance = scipy.spatial.distance.cdist(0.5 * (low + high), emitters.middle)
+    distance = np.maximum(distance - emitters.reach, 0.0)
+    mean = np.minimum(emitters.peak, emitters.power / (distance**2 + radius**2 + 1e-12))
+    return np.where(emitters.power < least * np.maximum(distance - radius, 0.0) ** 2, 0.0, mean)
 
 
 def _add(lit: Lit, chosen: Chosen, rays: int, least: float, found: NDArray[np.float32]) -> None:

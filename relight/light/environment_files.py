@@ -16,10 +16,10 @@ from splat2mesh.base.arrays import Floats, Radiance
 from splat2mesh.base.console import quiet_libraries
 from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.base.inputs import GIB, file_size
+from splat2mesh.scene.gltftextures import MOST_TEXELS
 
 from . import radiance_hdr, skies
 from .color_spaces import as_rec709
-from .sizes import check_exr
 
 _EXR_MAGIC, _HDR_MAGIC = b"\x76\x2f\x31\x01", b"#?"
 
@@ -27,6 +27,9 @@ COMBINED = {"combined", "beauty", "rgba"}
 """Names of the layer or part that is the picture: Blender's; of most renderers; of Arnold and Nuke."""
 
 LARGEST_FILE = 4 * GIB  # bytes; the largest published pictures of light have 2 GB
+
+MOST_CHANNELS = 8
+"""Factor on the values of all channels and parts of a file: light needs three channels, renderers write some more."""
 
 
 def read_light(path: Path) -> Radiance:
@@ -51,6 +54,28 @@ def read_light(path: Path) -> Radiance:
         f"{path} is neither OpenEXR nor Radiance HDR: give a file that holds linear radiance, "
         "which PNG, JPEG and other display pictures do not"
     )
+
+
+def check_exr(name: object, headers: list[dict[str, Any]], size: int) -> None:
+    """Check the sizes in the headers of the parts of an OpenEXR file of so many bytes, before its pixels are read.
+
+    Raises InputError for sizes that make no sense, deep pixels, or more pixels or channels than may be read.
+    """
+    values = 0
+    for header in headers:
+        if header["type"].name.startswith("deep"):
+            raise InputError(f"{name} holds deep pixels, which are not supported: export it flat")
+        for window in ("dataWindow", "displayWindow"):
+            corners = [int(each) for each in (*header[window][0], *header[window][1])]
+            width, height = corners[2] - corners[0] + 1, corners[3] - corners[1] + 1
+            if width < 1 or height < 1 or max(map(abs, corners)) > 1 << 24:
+                raise InputError(f"{name} is a damaged OpenEXR file: its {window} is {width} x {height}")
+            radiance_hdr.check_pixels(name, width, height, size)
+            if window == "dataWindow":
+                values += width * height * len(header["channels"])
+    most = MOST_CHANNELS * max(MOST_TEXELS, size)
+    if values > most:
+        raise InputError(f"{name} announces {values:,} values in all its channels, expected at most {most:,}")
 
 
 def _unknown(path: Path) -> str:

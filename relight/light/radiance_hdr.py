@@ -13,13 +13,23 @@ from numpy.typing import NDArray
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.inputs import FREE
 from splat2mesh.base.kernels import kernel
+from splat2mesh.scene.gltftextures import MOST_TEXELS
 
 from .color_spaces import XYZ, as_rec709
-from .sizes import check_pixels
 
 _RESOLUTION = re.compile(rb"([+-])Y +(\d{1,9}) +\+X +(\d{1,9})\s*")
 _DAMAGED = "is a damaged or unusual Radiance HDR file"
 _NEW_RUNS = 8, 32767  # widths that may be packed in the new way
+
+
+def check_pixels(name: object, width: int, height: int, size: int) -> None:
+    """Raise InputError for a picture that declares more pixels than its file has bytes, or than MOST_TEXELS where that
+    is more. name: of the file."""
+    most = max(MOST_TEXELS, size)
+    if width * height > most:
+        raise InputError(
+            f"{name} announces {width} x {height} pixels in {size:,} bytes, expected at most {most:,}: make it smaller"
+        )
 
 
 def decode(data: bytes, name: object) -> NDArray[np.float32]:

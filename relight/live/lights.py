@@ -14,8 +14,7 @@ from ..engine.by_hand import LightByHand, can_be_set
 from ..insert.arriving import OWN_SUN, clustered
 from ..light import CAPTURED, SUN_TOLERANCE
 from ..light.environment import Environment
-from ..light.pooling import pooled
-from ..light.projections import texel_directions
+from ..light.projections import pooled, texel_directions
 from ..light.sun_split import GRID, split
 from ..light.suns import Suns
 from ..sh import harmonics

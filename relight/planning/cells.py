@@ -10,7 +10,7 @@ from splat2mesh.base.arrays import Floats, Radiance
 from splat2mesh.base.sphere import fibonacci_sphere
 
 from ..light import projections
-from ..light.pooling import pooled
+from ..light.projections import pooled
 from ..light.sun_split import GRID
 from ..sh import harmonics
 

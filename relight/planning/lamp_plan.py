@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Indices
 
-from ..lamps.choosing import ALONE, BLOCK
 from ..lamps.emitters import Emitters
-from ..lamps.tracing import CHANCE_PART, lamplight, ordered
+from ..lamps.tracing import ALONE, BLOCK, CHANCE_PART, lamplight, ordered
 from ..transfer.bounces import Interreflection
 from ..transfer.first_bounce import first_bounce
 from ..transfer.neighbors import along_curve

@@ -15,7 +15,7 @@ from splat2mesh.scene.color import bytes_from_unit, linear_from_srgb, srgb_from_
 from splat2mesh.scene.scene import Scene
 
 from ..light.environment import Environment
-from ..light.pooling import pooled
+from ..light.projections import pooled
 from ..output.catcher import SIDE as PICTURE_SIDE
 from ..output.catcher import Catcher, GroundLight
 
