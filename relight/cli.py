@@ -16,11 +16,11 @@ from splat2mesh.base.errors import InputError
 from splat2mesh.base.outputs import check_output
 from splat2mesh.base.progress import Stages
 from splat2mesh.base.requests import given, option_names
+from splat2mesh.base.specs import vector
 from splat2mesh.cli import convert_options, display_options, tiling_options
 
 from .arguments import parser
 from .light import CAPTURED_SKIES
-from .light.axes import check_axis
 from .options import LightingOptions
 from .request import ALBEDOS, RelightRequest
 
@@ -77,10 +77,10 @@ def axis_from(text: str) -> tuple[float, float, float] | None:
     axis = text.rpartition(":")[2]
     if "," not in axis:
         return None
-    try:
-        return check_axis([float(each) for each in axis.split(",")])
-    except ValueError as error:  # InputError is one
-        raise InputError(f"--rotate {text}: expected an axis of three numbers, not all 0, as in 45:1,0,0") from error
+    with contextlib.suppress(InputError):
+        if any(found := vector("rotate", axis)):
+            return found
+    raise InputError(f"--rotate {text}: expected an axis of three numbers, not all 0, as in 45:1,0,0")
 
 
 def _phrases(words: list[list[str]]) -> list[str]:

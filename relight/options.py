@@ -217,7 +217,7 @@ def _above_zero(name: str, value: float) -> float:
 
 
 def _checked_sun(_: str, sun: Any) -> Any:
-    from .light.captured_sun import captured_sun
+    from .light.daylight import captured_sun
 
     return captured_sun(sun)
 

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..lamps.asked import AskedLamp, LampScale, in_words, resolve
-from ..lamps.moving import moved
 from ..lamps.photometry import times
+from ..lamps.shapes import moved
 from ..lamps.spec import in_brief
 from ..light.environment import Environment
 from ..light.loading import CapturedLight

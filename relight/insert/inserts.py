@@ -19,8 +19,7 @@ from ..planning.costs import FOLLOWED
 from .asked import AskedInsert
 from .gathering import Casting, change_at, light_on
 from .objects import InsertedObject
-from .placing import placed_by
-from .standing import Standing
+from .standing import Standing, placed_by
 from .surroundings import Receiving, Surroundings
 
 if TYPE_CHECKING:

@@ -25,8 +25,7 @@ from splat2mesh.base.specs import clip, meant, parse_spec, plain, vector
 from .asked import AskedLamp, Brightness
 from .fields import FIELDS, asked_lamp, changed
 from .files import LAMP_SUFFIXES, read_lamps
-from .moving import shifted
-from .shapes import Lamp, MeshLamp
+from .shapes import Lamp, MeshLamp, shifted
 
 OF_FILES = ("at", "color", "brightness", "name")
 """Words after a file: where its origin goes, and what its lamps have instead of their own."""

@@ -14,11 +14,11 @@ from numpy.typing import ArrayLike, NDArray
 from splat2mesh.base.arrays import Coefficients, Directions, Floats, Radiance
 from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.base.inputs import reading
+from splat2mesh.base.specs import vector
 from splat2mesh.scene.color import luminance
 
 from ..sh import latlong, rotors
 from . import MOST_RADIANCE, projections, skies
-from .axes import check_axis
 from .environment_files import read_light
 
 _ANGLE_DIGITS = 9  # 1e-9 degrees: drops the rounding error of the reduction modulo 360
@@ -112,7 +112,9 @@ class Environment:
         About the vertical it is as `rotated` gives it, about another axis with an image of its own. Raises InputError
         for an axis of length 0, and for what is not finite.
         """
-        x, y, z = check_axis(axis)
+        x, y, z = vector("axis", axis)
+        if x == y == z == 0.0:
+            raise InputError("`axis` 0,0,0: expected an axis of some length")
         if x == z == 0.0:
             return self.rotated(math.copysign(angle_deg, angle_deg * y))
         angle_deg = _reduced(angle_deg)

@@ -26,7 +26,7 @@ from ..light.projections import pooled
 from ..live.response import SPREAD_BANDS
 from ..options import LightingOptions
 from ..planning.choice import SAFETY
-from ..planning.decide import SAMPLE_VERTICES
+from ..planning.planner import SAMPLE_VERTICES
 from ..sh import harmonics
 from ..transfer.analytic import analytic
 from ..transfer.checks import checked_albedo

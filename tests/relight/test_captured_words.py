@@ -11,7 +11,7 @@ from relight import Environment
 from relight.arguments import parser
 from relight.cli import main, request_of
 from relight.light.captured_light import NAME, LikelyLight, offer, read_lights, write_lights
-from relight.light.captured_sun import captured_sun
+from relight.light.daylight import captured_sun
 from relight.request import RelightRequest
 from splat2mesh.base.errors import InputError
 

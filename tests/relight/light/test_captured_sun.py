@@ -5,8 +5,7 @@ from datetime import datetime
 import numpy as np
 import pytest
 
-from relight.light.captured_sun import captured_sun
-from relight.light.daylight import DaylightRequest, sky_of
+from relight.light.daylight import DaylightRequest, captured_sun, sky_of
 from relight.light.sun_position import sun_position, toward
 from splat2mesh.base.errors import InputError
 
