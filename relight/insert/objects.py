@@ -27,8 +27,7 @@ from splat2mesh.splats.splats import Splats
 from ..albedo.division import DARKEST, LIGHTEST
 from ..splats import Binding
 from .asked import AskedInsert
-from .cutouts import Cut, Masked, carried_through, cut_out
-from .refine import refined
+from .refine import Cut, Masked, carried_through, cut_out, refined
 
 if TYPE_CHECKING:
     from ..engine.appearance import Appearance

@@ -10,7 +10,7 @@ from splat2mesh.base.errors import InputError
 
 from ..engine.appearance import Appearance
 from ..engine.relighter import Shaded
-from ..lamps.color import WHITE
+from ..lamps.asked import WHITE
 from ..light.environment import Environment
 from ..light.loading import CapturedLight
 from ..live.parts import LivePart

@@ -16,8 +16,7 @@ from ..engine.appearance import CHOICES
 from ..engine.by_hand import LightByHand, can_be_set
 from ..engine.light_mix import LightBeside
 from ..engine.placed import Placed
-from ..lamps.asked import AskedLamp
-from ..lamps.color import WHITE
+from ..lamps.asked import WHITE, AskedLamp
 from ..lamps.shapes import SphereLamp
 from ..output.inserted_picture import PictureAsked, with_objects
 from ..request import RelightRequest

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from splat2mesh.base.specs import vector
 from splat2mesh.scene.color import luminance
 
-from .color import WHITE
+from .asked import WHITE
 from .gltf_lights import PUNCTUAL
 from .photometry import area_normals, axis_intensity, flux
 from .shapes import Lamp, MeshLamp, ProfileLamp, RectangleLamp, SphereLamp, SpotLamp, TubeLamp

@@ -21,13 +21,16 @@ from .asked import (
     BULB_M,
     DEFAULT_BRIGHTNESS,
     LONGEST_NAME,
+    TEMPERATURES,
     TUBE_M,
+    WHITE,
     AskedLamp,
     Brightness,
+    blackbody,
     in_picture_units,
     parse_brightness,
+    parse_color,
 )
-from .color import TEMPERATURES, WHITE, blackbody, parse_color
 from .gltf_lights import read_glow
 from .ies import read_profile
 from .shapes import (

@@ -20,8 +20,7 @@ from splat2mesh.base.inputs import file_size, quiet_numbers, read_json, reading
 from splat2mesh.base.outputs import staged_file
 from splat2mesh.base.specs import clip, plain
 
-from .asked import BULB_M, TUBE_M, AskedLamp, Brightness, LampScale, resolve
-from .color import NAMES, TEMPERATURES, parse_color
+from .asked import BULB_M, NAMES, TEMPERATURES, TUBE_M, AskedLamp, Brightness, LampScale, parse_color, resolve
 from .fields import asked_lamp
 from .gltf_lights import read_gltf_lamps
 from .photometry import times

@@ -17,8 +17,7 @@ from splat2mesh.base.inputs import quiet_numbers, reading
 from splat2mesh.scene.gltfmesh import Piece, placed_pieces
 from splat2mesh.scene.gltftextures import Textures
 
-from .asked import AskedLamp, Brightness, in_picture_units
-from .color import WHITE
+from .asked import WHITE, AskedLamp, Brightness, in_picture_units
 from .shapes import Lamp, MeshLamp, SphereLamp, SpotLamp
 
 PUNCTUAL = "KHR_lights_punctual"

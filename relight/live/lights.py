@@ -11,7 +11,7 @@ from splat2mesh.scene.color import luminance
 
 from ..albedo.by_hand import SkyAndSun
 from ..engine.by_hand import LightByHand, can_be_set
-from ..insert.arriving import OWN_SUN, clustered
+from ..insert.surroundings import OWN_SUN, clustered
 from ..light import CAPTURED, SUN_TOLERANCE
 from ..light.environment import Environment
 from ..light.projections import pooled, texel_directions

@@ -18,9 +18,8 @@ from ..sh import harmonics
 from ..sh.harmonics import MAX_BANDS
 from ..transfer import FEW_BANDS
 from ..transfer.facing import met_in_front
-from . import cells
 from .costs import FOLLOWED
-from .sample import SCAN_VERTICES, Sample
+from .sample import SCAN_VERTICES, TURNS, Sample, basis, cells_of, turned
 from .sun_widths import width_error
 
 PATHS = 24
@@ -53,9 +52,9 @@ class EffectErrors:
         self.sample, self._albedo = sample, albedo
         self._tint: Floats | float = 1.0 if albedo is None else albedo[sample.rows][:, None, :]
         self._directions = len(sample.directions)
-        self._basis = cells.basis(self._directions)
+        self._basis = basis(self._directions)
         self._project = self._basis.T * (4.0 * np.pi / self._directions)
-        self._light = cells.turned(cells.cells_of(environment.radiance), self._directions)
+        self._light = turned(cells_of(environment.radiance), self._directions)
         self._full = self._through(sample.seen, self._light)
         self.seen_transfer = sample.seen.astype(np.float64) @ self._basis
         self._closer: Floats | None = None
@@ -139,7 +138,7 @@ class EffectErrors:
         if self._closer is not None:
             return False
         finer = self.sample.finer(CLOSER)
-        self._closer = finer.seen.astype(np.float64) @ cells.basis(len(finer.directions))
+        self._closer = finer.seen.astype(np.float64) @ basis(len(finer.directions))
         return True
 
     def coefficients(self, image: Radiance | None = None) -> NDArray[np.float64]:
@@ -165,7 +164,7 @@ class EffectErrors:
         """Radiance, coefficients, truncations, sensitivity: of all light, or of an image."""
         key = id(image)
         if key not in self._known:
-            light = self._light if image is None else cells.turned(cells.cells_of(image), self._directions)
+            light = self._light if image is None else turned(cells_of(image), self._directions)
             coefficients = np.tensordot(self._project, light, axes=(1, 0))
             errors = self._losses(self._through(self.sample.seen, light), self.seen_transfer, coefficients)
             self._known[key] = light, coefficients, errors, self._sensitivity(coefficients)
@@ -190,7 +189,7 @@ class EffectErrors:
 
     def _through(self, cosines: Floats, light: Floats) -> NDArray[np.float32]:
         """Exit radiance (S, TURNS, 3) of white vertices."""
-        return (cosines @ light.reshape(self._directions, -1).astype(np.float32)).reshape(-1, cells.TURNS, 3)
+        return (cosines @ light.reshape(self._directions, -1).astype(np.float32)).reshape(-1, TURNS, 3)
 
     def _norm(self, radiance: Floats) -> NDArray[np.float64]:
         """(TURNS,) norms of exit radiance (S, TURNS, 3) of white vertices, in the scene's colours."""

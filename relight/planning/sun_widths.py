@@ -12,13 +12,12 @@ from numpy.typing import NDArray
 from splat2mesh.base.arrays import Directions, Floats, Indices, Points
 
 from ..light.suns import Suns
-from . import cells
-from .sample import Sample
+from .sample import TURNS, Sample
 
 RAYS = 4
 """To each patch, in two halves whose product has no noise."""
 
-QUARTERS = cells.TURNS // 2
+QUARTERS = TURNS // 2
 """Rotations of the light, a quarter turn apart."""
 
 FEW = 16
@@ -43,7 +42,7 @@ def width_error(
         turned = suns.rotated(360.0 * quarter / QUARTERS)
         halves = _off(sample, rows, turned, variances) * tint[rows]
         share = sample.weights[rows] * np.square(sample.solid[rows])
-        among = total[quarter * cells.TURNS // QUARTERS] ** 2 * sample.weights[rows].sum()
+        among = total[quarter * TURNS // QUARTERS] ** 2 * sample.weights[rows].sum()
         worst = max(worst, float(share @ (halves[0] * halves[1]).sum(axis=1) / among))
     return math.sqrt(worst)
 

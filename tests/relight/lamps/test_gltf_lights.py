@@ -11,8 +11,7 @@ from attacks import damaged
 from PIL import Image
 from typed_lamps import parse_lamp
 
-from relight.lamps.asked import Brightness, LampScale, resolve
-from relight.lamps.color import luminance
+from relight.lamps.asked import Brightness, LampScale, luminance, resolve
 from relight.lamps.files import read_lamps
 from relight.lamps.gltf_lights import PUNCTUAL, read_glow
 from relight.lamps.photometry import axis_intensity, flux

@@ -5,8 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from relight.lamps.asked import AskedLamp, Brightness, LampScale, resolve
-from relight.lamps.color import parse_color
+from relight.lamps.asked import AskedLamp, Brightness, LampScale, parse_color, resolve
 from relight.lamps.files import color_text, fields_of, read_lamps, write_lamps
 from relight.lamps.photometry import flux
 from relight.lamps.shapes import MeshLamp, ProfileLamp, SphereLamp, TubeLamp

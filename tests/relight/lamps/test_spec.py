@@ -10,8 +10,20 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from typed_lamps import parse_lamp
 
-from relight.lamps.asked import BULB_M, TUBE_M, AskedLamp, Brightness, LampScale, resolve
-from relight.lamps.color import NAMES, TEMPERATURES, WHITE, blackbody, luminance, parse_color
+from relight.lamps.asked import (
+    BULB_M,
+    NAMES,
+    TEMPERATURES,
+    TUBE_M,
+    WHITE,
+    AskedLamp,
+    Brightness,
+    LampScale,
+    blackbody,
+    luminance,
+    parse_color,
+    resolve,
+)
 from relight.lamps.fields import EVERY, FIELDS, SHORT, asked_lamp
 from relight.lamps.photometry import axis_intensity
 from relight.lamps.shapes import MeshLamp, RectangleLamp, SphereLamp, SpotLamp, TubeLamp
