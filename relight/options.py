@@ -2,6 +2,7 @@
 
 import math
 import os
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
@@ -244,18 +245,8 @@ def _checked_lamps(_: str, choice: Any) -> str | float | tuple[tuple[LampKey, fl
 
 def _words_of_lamps(text: str) -> list[tuple[str, str]]:
     """(number or x,y,z; factor) of each lamp in a text such as "1=off,at=1.2,2.0,-.4=0.5"; a place alone is off."""
-    parts, found = text.split(","), []
-    while parts:
-        word = parts.pop(0).strip()
-        if word.startswith("at="):
-            while "=" not in word[3:] and parts and word.count(",") < 2:
-                word += "," + parts.pop(0)
-            place, _, factor = word[3:].partition("=")
-            found.append((f"at={place}", factor.strip() or "off"))
-        else:
-            number, _, factor = word.partition("=")
-            found.append((number, factor))
-    return found
+    found = re.findall(r"\s*(at=[^=,]*(?:,[^=,]*){0,2}|[^=,]*)(?:=([^,]*))?(?:,|$)", text)[:-1]  # the last is the end
+    return [(name, factor.strip() or "off" * name.startswith("at=")) for name, factor in found]
 
 
 def _checked_key(name: Any, factor: Any) -> LampKey:
