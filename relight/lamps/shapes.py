@@ -5,6 +5,7 @@ shows as white, as the capture was exposed. Imports nothing heavy.
 """
 
 import math
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, TypeAlias
@@ -238,13 +239,13 @@ def checked_light(name: str, value: Sequence[float] | None) -> Triple:
     return red, green, blue
 
 
-def checked_size(name: str, value: float, least: float | None = None) -> float:
-    """A finite number above 0, or from `least`. Raises InputError that names the field."""
+def checked_size(name: str, value: float, least: float | None = None, most: float = sys.float_info.max) -> float:
+    """A finite number above 0, or from `least`, up to `most`. Raises InputError that names the field."""
     try:
         size = float(value)
     except (TypeError, ValueError):
         size = math.nan
-    if not (math.isfinite(size) and (size > 0.0 if least is None else size >= least)):
+    if not (math.isfinite(size) and size <= most and (size > 0.0 if least is None else size >= least)):
         expected = (
             "a number above 0" if least is None else f"a number from {least:g}" if least > -math.inf else "a number"
         )
