@@ -212,7 +212,7 @@ def _check_session(words: argparse.Namespace, port: int | None) -> None:
 
 def _plotted(report: Any, path: Path) -> str:
     """Draw the curve of a plan: a line of the summary. Raises InputError where nothing was planned."""
-    from .planning.plot import plot_plan
+    from .planning.plan import plot_plan
 
     if report.plan is None or not report.plan.rays:
         raise InputError(f"--plot {path}: there is no curve to draw: {report.note or 'nothing was measured'}")

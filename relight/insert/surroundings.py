@@ -17,9 +17,8 @@ from splat2mesh.scene.scene import Scene
 from ..lamps.emitters import Emitters, emitters_of
 from ..lamps.shapes import Lamp, MeshLamp
 from ..lamps.tracing import DRAFT_RAYS, lamplight
-from ..light.environment import Environment
+from ..light.environment import Environment, Suns
 from ..light.sun_split import split
-from ..light.suns import Suns
 from ..transfer import DEFAULT_BANDS
 from ..transfer.occluder import Occluder
 

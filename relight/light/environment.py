@@ -1,10 +1,11 @@
-"""Distant light all around the scene: an HDR image in, radiance by direction and spherical harmonics out."""
+"""Distant light all around the scene: an HDR image in, radiance by direction and spherical harmonics out; and suns."""
 
 import copy
 import math
 import os
 import warnings
 from collections.abc import Callable, Hashable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from splat2mesh.base.inputs import reading
 from splat2mesh.base.specs import vector
 from splat2mesh.scene.color import luminance
 
-from ..sh import latlong, rotors
+from ..sh import harmonics, latlong, rotors
 from . import MOST_RADIANCE, projections, skies
 from .environment_files import read_light
 
@@ -27,6 +28,37 @@ _ANGLE_DIGITS = 9  # 1e-9 degrees: drops the rounding error of the reduction mod
 def turned_about_y(coefficients: Coefficients, angle_deg: float) -> NDArray[np.float64]:
     """Radiance coefficients (K, 3) float64 turned by an active rotation about +y: +z goes towards +x."""
     return rotors.rotate(coefficients, rotors.from_axis_angle([0.0, 1.0, 0.0], math.radians(angle_deg)))
+
+
+@dataclass(frozen=True, eq=False)
+class Suns:
+    """Light from S single directions, in a fixed order.
+
+    directions: (S, 3) float64 unit vectors toward the light, scene frame.
+    weights: (S, 3) float64 linear, radiance times solid angle: the irradiance of a surface that faces the sun.
+    """
+
+    directions: NDArray[np.float64]
+    weights: NDArray[np.float64]
+
+    @classmethod
+    def none(cls) -> "Suns":
+        """No sun at all."""
+        return cls(np.zeros((0, 3)), np.zeros((0, 3)))
+
+    def __len__(self) -> int:
+        return len(self.directions)
+
+    def rotated(self, angle_deg: float) -> "Suns":
+        """Return these suns turned by an active rotation about +y, as `Environment.rotated` turns."""
+        angle = math.radians(angle_deg)
+        cos, sin = math.cos(angle), math.sin(angle)
+        turn = np.array([[cos, 0.0, sin], [0.0, 1.0, 0.0], [-sin, 0.0, cos]])
+        return Suns(self.directions @ turn.T, self.weights)
+
+    def sh(self, bands: int) -> NDArray[np.float64]:
+        """Radiance coefficients (B^2, 3) float64 of the suns as points."""
+        return harmonics.evaluate(self.directions, bands).T @ self.weights
 
 
 class Environment:

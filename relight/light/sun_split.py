@@ -25,9 +25,8 @@ from splat2mesh.scene.measured import SKY_HEIGHT, SKY_WIDTH
 
 from ..sh import harmonics
 from . import HEIGHT, SUN_TOLERANCE, projections
-from .environment import Environment, turned_about_y
+from .environment import Environment, Suns, turned_about_y
 from .projections import pooled, pooling
-from .suns import Suns
 
 DEFAULT_LIMIT = 128
 """Most suns. Half of them stand before a vertex: a quarter of the rays of the default transfer, for every light."""

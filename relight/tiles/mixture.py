@@ -14,7 +14,7 @@ from ..engine.relighter import Relighter
 from ..lamps.asked import AskedLamp, Brightness, LampScale, resolve
 from ..lamps.emitters import emitters_of
 from ..lamps.fields import asked_lamp
-from ..lamps.files import fields_of
+from ..lamps.spec import fields_of
 
 if TYPE_CHECKING:
     from ..lamps.shapes import Lamp

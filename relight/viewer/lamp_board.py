@@ -14,10 +14,9 @@ from splat2mesh.scene.color import luminance
 
 from ..lamps.asked import LARGEST_EV, AskedLamp, Brightness, LampScale, resolve
 from ..lamps.fields import changed
-from ..lamps.files import write_lamps
 from ..lamps.photometry import axis_intensity
 from ..lamps.shapes import MeshLamp, RectangleLamp, TubeLamp, shifted
-from ..lamps.spec import asked_lamps
+from ..lamps.spec import asked_lamps, write_lamps
 from .history import Timeline
 
 MOST_CAPTURED = 10.0

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from relight.lamps.asked import AskedLamp, Brightness, LampScale, parse_color, resolve
-from relight.lamps.files import color_text, fields_of, read_lamps, write_lamps
 from relight.lamps.photometry import flux
 from relight.lamps.shapes import MeshLamp, ProfileLamp, SphereLamp, TubeLamp
-from relight.lamps.spec import asked_lamps
+from relight.lamps.spec import asked_lamps, color_text, fields_of, read_lamps, write_lamps
 from splat2mesh.base.errors import InputError
 
 SCALE = LampScale(1.3, 0.7, 0.01)

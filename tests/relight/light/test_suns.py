@@ -7,9 +7,9 @@ from scipy.special import sph_harm_y
 
 from relight import Environment
 from relight.light import sun_split
+from relight.light.environment import Suns
 from relight.light.projections import row_solid_angles, texel_directions
 from relight.light.sun_split import split
-from relight.light.suns import Suns
 from relight.transfer import sunlight as sunlight_module
 from relight.transfer.occluder import Occluder
 from relight.transfer.reference import reference

@@ -5,10 +5,10 @@ import plan_scenes
 import pytest
 
 from relight import Environment, Relighter
+from relight.light.environment import Suns
 from relight.light.projections import texel_directions
-from relight.light.suns import Suns
+from relight.planning.effect_errors import width_error
 from relight.planning.sample import TURNS, Sample
-from relight.planning.sun_widths import width_error
 from relight.transfer.reference import reference
 
 RADIUS = np.radians(4.0)
