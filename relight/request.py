@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
     from splat2mesh.scene.foreign import AnyScene
 
-    from .insert.probe_grid import ProbeGrid
+    from .insert.probe import ProbeGrid
     from .light.environment import Environment
 
 AnyLight: TypeAlias = "Environment | DaylightRequest | str | os.PathLike[str]"
@@ -305,7 +305,7 @@ class RelightRequest:
     @property
     def probe_grid(self) -> "ProbeGrid | None":
         """The grid of `probes`; None without. Raises InputError for other words."""
-        from .insert.probe_grid import ProbeGrid
+        from .insert.probe import ProbeGrid
 
         return ProbeGrid.parse(self.probes) if self.probes else None
 
