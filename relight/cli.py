@@ -162,9 +162,16 @@ def _done(
         if hasattr(words, "plan"):
             return _planned(request, stages, getattr(words, "plot", None))
         if port is not None:
-            return _served(request, port, stages)
+            from .api import serve_request
+
+            serve_request(request, port, lambda url: notify(f"open {url} (Ctrl-C stops)"), stages)
+            return [], {"served": True}
         if hasattr(words, "view") or hasattr(words, "screenshot"):
-            return _viewed(request, getattr(words, "screenshot", None), stages)
+            from .api import view_request
+
+            screenshot = getattr(words, "screenshot", None)
+            view_request(request, screenshot=screenshot, stages=stages)
+            return [screenshot] if screenshot else [], {"screenshot": screenshot}
         done = folders.relight_files(request, stages)
     finally:
         stages.close()
@@ -245,20 +252,6 @@ def _planned(request: RelightRequest, stages: Stages, plot: str | None) -> tuple
 def _picture_folder(scene: str) -> str:
     """The folder of a plan's pictures: that of the scene, or for a file NAME_relit, which also takes its results."""
     return scene if os.path.isdir(scene) else f"{Path(scene).stem}_relit"
-
-
-def _viewed(request: RelightRequest, screenshot: str | None, stages: Stages) -> tuple[list[str], Any]:
-    from .api import view_request
-
-    view_request(request, screenshot=screenshot, stages=stages)
-    return [screenshot] if screenshot else [], {"screenshot": screenshot}
-
-
-def _served(request: RelightRequest, port: int, stages: Stages) -> tuple[list[str], Any]:
-    from .api import serve_request
-
-    serve_request(request, port, lambda url: notify(f"open {url} (Ctrl-C stops)"), stages)
-    return [], {"served": True}
 
 
 def _is_page(source: Path) -> bool:

@@ -123,8 +123,12 @@ class Sample:
         foliage.probe_count  # noqa: B018  is found once, and not timed
         other = copy.copy(self)
         start = time.perf_counter()
-        marches = other._thicken(foliage)
+        share, free, marches = foliage.seen(self.rows, self.directions)
         march_s = (time.perf_counter() - start) / max(1, marches) / cores()
+        share, even = share[:, None], np.float32(1.0 / len(self.directions))
+        other.open = self.open + share * (even - self.open)
+        other.seen = self.seen + share * (even * free - self.seen)
+        other.solid, other._foliage = 1.0 - share[:, 0], foliage
         return other, march_s * foliage.probe_count
 
     def _look(self, directions: int) -> None:
@@ -145,15 +149,6 @@ class Sample:
         cosine = np.maximum(self.normals @ self.directions.T, np.float32(0.0))
         self.open = cosine * np.float32(4.0 / directions)
         return cosine
-
-    def _thicken(self, foliage: Foliage) -> int:
-        """Take leaves and grass for volumes; how many marches it took."""
-        share, free, marches = foliage.seen(self.rows, self.directions)
-        share, even = share[:, None], np.float32(1.0 / len(self.directions))
-        self.open = self.open + share * (even - self.open)
-        self.seen = self.seen + share * (even * free - self.seen)
-        self.solid, self._foliage = 1.0 - share[:, 0], foliage
-        return marches
 
     def mean_square(self, values: Floats) -> NDArray[np.float64]:
         """Weighted mean over the vertices of squared values (S, ...), summed over the last axis (colours)."""
