@@ -95,7 +95,7 @@ def _rows(lamp: Lamp, center: NDArray[np.float64], diagonal: float) -> list[dict
 
     if isinstance(lamp, (SphereLamp, SpotLamp, ProfileLamp)):
         radius = max(lamp.radius / diagonal, MAX_OFFSET)
-        given = lamp.radiance if isinstance(lamp, SphereLamp) else None
+        given: ArrayLike | None = lamp.radiance if isinstance(lamp, SphereLamp) else None
         if given is None:  # one ball of that intensity, whatever its radius
             given = np.asarray(lamp.intensity, np.float64) / (math.pi * (radius * diagonal) ** 2)
         row = {"kind": BALL, "place": placed(lamp.position), "radius": radius, "color": given}
@@ -113,10 +113,10 @@ def _rows(lamp: Lamp, center: NDArray[np.float64], diagonal: float) -> list[dict
     if isinstance(lamp, RectangleLamp):
         u, v = np.asarray(lamp.edge_u), np.asarray(lamp.edge_v)
         corner = np.asarray(lamp.center) - (u + v) / 2.0
-        points, corners = np.stack([corner, corner + u, corner + u + v, corner + v]), [[0, 1, 3], [2, 3, 1]]
+        points, corners = np.stack([corner, corner + u, corner + u + v, corner + v]), np.array([[0, 1, 3], [2, 3, 1]])
     else:
         points, corners = lamp.vertices, lamp.faces
-    a, b, c = np.moveaxis(placed(points)[np.asarray(corners)], 1, 0)
+    a, b, c = np.moveaxis(placed(points)[corners], 1, 0)
     colors = np.broadcast_to(lamp.radiance, (len(a), 3))
     shines = (np.linalg.norm(np.cross(b - a, c - a), axis=1) > 0.0) & (colors.max(axis=1) > 0.0)
     names, two_sided = ("place", "first", "second", "color"), lamp.two_sided

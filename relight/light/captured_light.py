@@ -224,7 +224,7 @@ def _numbered(number: int | None, folder: str | os.PathLike[str] | None) -> Ligh
     if number is not None and number > len(lights.candidates):
         raise InputError(f"`captured_light` {number}: {path} holds {len(lights.candidates)} candidates")
     entry = lights.chosen if number is None else lights.candidates[number - 1]
-    return entry and _file_of(entry, path)
+    return None if entry is None else _file_of(entry, path)
 
 
 def _file_of(entry: LikelyLight, path: Path) -> LightFile:
