@@ -36,7 +36,8 @@ Every result folder holds report.json: inputs, settings, times, warnings. A mesh
 BUILTIN = ("studio", "overcast", "noon", "sunset")
 """Names of `light.skies.BUILTIN`, whose module is too heavy to import here."""
 
-WORDS: dict[str, Iterable[str]] = CHOICES | {
+WORDS: dict[str, Iterable[str]] = {
+    **CHOICES,
     "env": (*BUILTIN, CAPTURED),
     "captured_sky": CAPTURED_SKIES,
     "captured_light": (ANEW,),

@@ -36,7 +36,8 @@ then: relight garden --env stpeters.exr --rotate 45"""
 DEFAULT_TEXTURE = "auto"
 """Default texture of the command, for people who look at its output; the library makes one only on request."""
 
-MESHING_WORDS: dict[str, Iterable[str]] = CHOICES | {
+MESHING_WORDS: dict[str, Iterable[str]] = {
+    **CHOICES,
     "vertices": ("auto",),
     "texture": ("auto", "none"),
     "lod": ("auto",),

@@ -25,12 +25,14 @@ def first_bounce(
     rows: NDArray[np.int64] | slice = slice(None),
     seed: int = 0,
     advance: Advance = lambda count: None,
+    met: NDArray[np.float32] | None = None,
 ) -> NDArray[np.float32]:
     """Return what white vertices send on of the light that other surfaces send to them, (N, 3) float32.
 
     occluder: the surfaces. The back of a face is black, as in `transfer.bounces`. sent: (V, 3) float32, exit radiance
     of its vertices. rays: from each vertex, cosine-distributed. Raises InputError outside 1..65536. rows: (N,) int, the
-    vertices that gather; all without. seed: of the directions. advance: called with the number of vertices done.
+    vertices that gather; all without. seed: of the directions. advance: called with the number of vertices done. met:
+    (N,) float32, takes the share of the rays of each vertex that met anything.
     """
     azimuths = sampling.fibonacci_azimuths(check_rays(rays))
     origins, normals = occluder.origins[rows], occluder.normals[rows]
@@ -41,6 +43,8 @@ def first_bounce(
         some = shot[: len(origins[part])]
         sampling.shoot(origins[part], normals[part], azimuths, seed, some)
         hits = occluder.first_hits(some)[1:]
+        if met is not None:
+            met[part] = (hits[0] >= 0).mean(axis=1)
         in_slices(_gather, len(some), some, *hits, occluder.faces, occluder.normals, sent, gathered[part])
         advance(len(some))
     return gathered
