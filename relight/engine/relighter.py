@@ -225,7 +225,7 @@ class Relighter:
 
         Raises InputError for an albedo that is not one colour in [0, 1] per vertex.
         """
-        tint = self._tint(albedo_linear)
+        tint, planner = self._tint(albedo_linear), None
         if self._dynamic is not None:
             settings = self._dynamic.settings  # a new light is not planned while chunks move
         elif settings is None:
@@ -235,11 +235,24 @@ class Relighter:
         direct, suns, done = self._direct(environment, settings)
         if not settings.bounce_rays or (self.options.fixed_effects is None and tint is None):
             return Shading(direct if tint is None else direct * tint, suns, [], done)
+        radiance, bounces, matrix = self._with_bounces(direct, tint, settings)
+        while planner is not None:
+            more = planner.bounced(environment, tint, direct, radiance, matrix)
+            if more is None:
+                break
+            settings, done = more, done._replace(bounce_rays=more.bounce_rays)
+            self._latest = settings
+            radiance, bounces, matrix = self._with_bounces(direct, tint, settings)
+        return Shading(radiance, suns, bounces, done)
+
+    def _with_bounces(
+        self, direct: NDArray[np.float32], tint: NDArray[np.float32] | None, settings: Settings
+    ) -> tuple[NDArray[np.float32], list[float], "Interreflection"]:
+        """(exit radiance (V, 3) float32, what each bounce gave, the Interreflection that carried them)."""
         interreflection = self.interreflection(settings.bounce_rays)
         with self.stages.stage("bounces"):
             albedo = np.broadcast_to(np.float32(1.0), direct.shape) if tint is None else tint
-            radiance, bounces = with_bounces(direct, albedo, interreflection, settings.bounce_tolerance)
-        return Shading(radiance, suns, bounces, done)
+            return *with_bounces(direct, albedo, interreflection, settings.bounce_tolerance), interreflection
 
     def direct(
         self, environment: "Environment", settings: Settings

@@ -120,9 +120,15 @@ class Choice:
         """The number of suns under the settings."""
         return self._splits[settings.sun_tolerance].suns
 
-    def checked(self, settings: Settings, transfer: Floats) -> float:
-        """The error of the settings with the noise that a transfer (S, K) of the sample's rows really has."""
-        return math.hypot(self.but_noise(settings), self.measured.check(transfer, self._rest(settings)))
+    def checked(self, settings: Settings, transfer: Floats, tolerance: float) -> float:
+        """The error of the settings with the noise that a transfer (S, K) of the sample's rows really has; beyond the
+        tolerance, by a closer look."""
+
+        def error() -> float:
+            return math.hypot(self.but_noise(settings), self.measured.check(transfer, self._rest(settings)))
+
+        found = error()
+        return error() if found > tolerance and self.measured.look_closer() else found
 
     def contributions(self, settings: Settings) -> list[tuple[str, float | None, str]]:
         """[(effect, error without it, decision)] for the table and the report."""

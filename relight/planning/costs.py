@@ -33,7 +33,8 @@ BOUNCE_NOISE, BOUNCE_POWER = 0.275, -(1.0 + STRATIFIED[1]) / 2.0
 """Error of bounced light by rays per vertex, a law, over all light and the root of the share that bounced: the fewer
 rays meet anything, the noisier. It falls as stratified rays let it. Through the middle of .068 of 8 to .0054 of
 512: upper end of three scenes with shares of .06 to .15, without the average over rings (a corner with .33 has two
-thirds), times what that leaves of it on a patio and in a parlour; on objects it leaves less."""
+thirds), times what that leaves of it on a patio and in a parlour; on objects it leaves less. `bounce_check` finds what
+it is."""
 
 
 def bounce_error(rays: int, share: float) -> float:

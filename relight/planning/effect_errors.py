@@ -28,9 +28,14 @@ DARK = 1e-3
 """Errors are relative to at least this part of the light of unshadowed surfaces: darkness has no relative error."""
 
 
+CLOSER = 4
+"""Times as many directions in which the sample looks before a check against it fails: its own noise, in the shade of
+needles, was most of what rays were blamed for, and no number of them made it less."""
+
+
 WIDE_PART = 16
-"""One vertex in so many, but at most SCAN_VERTICES, show the error of suns as points. In a room that the sun enters
-through a window, 384 vertices gave .006 for .028."""
+"""One vertex in so many, but at most SCAN_VERTICES, show the error of suns as points, and that of bounced light. In a
+room that the sun enters through a window, 384 vertices gave .006 for .028."""
 
 RAYS = 4
 """To each patch of light that shines as a point, all over it, in two halves whose product has no noise."""
@@ -59,6 +64,7 @@ class EffectErrors:
         self._light = turned(cells_of(environment.radiance), self._directions)
         self._full = self._through(sample.seen, self._light)
         self.seen_transfer = sample.seen.astype(np.float64) @ self._basis
+        self._closer: Floats | None = None
         self._known: dict[Any, Any] = {}  # what is derived from all light, and from each image
         self.bounced: Bounced | None = None
         if bouncing:
@@ -114,16 +120,33 @@ class EffectErrors:
 
     def check(self, transfer: Floats, image: Radiance | None = None) -> float:
         """Error of a transfer (S, K) of the sample's rows, in its own bands."""
-        off = transfer.astype(np.float64) - self.seen_transfer[:, : transfer.shape[1]]
+        known = self.seen_transfer if self._closer is None else self._closer
+        off = transfer.astype(np.float64) - known[:, : transfer.shape[1]]
         radiance = np.tensordot(off, self.coefficients(image)[: transfer.shape[1]], axes=(1, 0))
         return float((self._norm(radiance) / self.total).max())
 
     def sun_width(self, suns: Suns, variances: Floats) -> float:
         """Error of suns of the unrotated light, as points, where their patches have these variances."""
-        vertices = len(self.sample.occluder.origins)
-        wide = self.sample.wider(min(SCAN_VERTICES, max(len(self.sample.rows), vertices // WIDE_PART)))
+        wide = self.sample.wider(self._wide)
         tint = 1.0 if self._albedo is None else self._albedo[wide.rows]
         return width_error(wide, tint, suns, variances, self.total)
+
+    def wide(self, light: NDArray[np.float32]) -> Sample:
+        """More vertices than the sample, where light (V, 3) is: noise of bounced light is on few of them."""
+        every = self.sample.wider(len(self.sample.occluder.origins))
+        return every.lit(self._wide, np.square(light[every.rows], dtype=np.float64).sum(axis=1))
+
+    @property
+    def _wide(self) -> int:
+        return min(SCAN_VERTICES, max(len(self.sample.rows), len(self.sample.occluder.origins) // WIDE_PART))
+
+    def look_closer(self) -> bool:
+        """Have `check` know the sample by CLOSER times as many directions; False where it does already."""
+        if self._closer is not None:
+            return False
+        finer = self.sample.finer(CLOSER)
+        self._closer = finer.seen.astype(np.float64) @ basis(len(finer.directions))
+        return True
 
     def coefficients(self, image: Radiance | None = None) -> NDArray[np.float64]:
         """Coefficients of the light, or of its rest, in all rotations and bands: (K, TURNS, 3)."""

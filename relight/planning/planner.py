@@ -1,6 +1,7 @@
 """Plans for the lights of one scene: made once for each, kept between runs, checked after the work and corrected."""
 
 import json
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -19,6 +20,7 @@ from ..transfer.settings import BOUNCES, VOLUME, VOLUME_DIRECTIONS, VOLUME_ERROR
 from ..transfer.split_light import image_key
 from ..transfer.store import Cache, array_key
 from ..transfer.volume import Foliage
+from .bounce_check import MOST_ROUNDS, bounce_errors, more_rays
 from .choice import Choice, Leaves, best_of, curve_of
 from .effect_errors import EffectErrors
 from .plan import Plan
@@ -27,6 +29,7 @@ from .sample import Sample
 if TYPE_CHECKING:
     from splat2mesh.base.progress import Stages
 
+    from ..transfer.bounces import Interreflection
     from ..transfer.precomputed import Precomputed
 
 MOST_DOUBLINGS = 4
@@ -36,7 +39,7 @@ UNMENDED = (1.0 + 2.0**NOISE_POWER) ** -0.5
 """Part of the tolerance beyond which what rays cannot mend ends their doubling, once it is more than their noise: where
 both are as large, the next doubling does not lead within the tolerance."""
 
-CHECKED = "rays, suns for all bands, shadows everywhere"
+CHECKED = "rays and bounces, suns for all bands, shadows everywhere"
 """What is checked after the work, and for what suns are found. Plans that earlier versions kept are made anew."""
 
 UNSHADOWED = ("analytic", "neural-gash", "blinn-phong")
@@ -54,6 +57,7 @@ class Planner:
         self._precomputed, self._stages, self._options = precomputed, stages, options
         self._tolerance = DEFAULT_TOLERANCE if options.tolerance is None else options.tolerance
         self._plans: dict[Any, Plan] = {}
+        self._unbounced: dict[Any, tuple[float, int]] = {}  # all other errors, rounds so far
         self._albedo: tuple[Any, Any] = (None, None)
 
     def plan(self, environment: Environment, albedo: NDArray[np.floating] | None, angles: int = 1) -> Plan:
@@ -66,13 +70,53 @@ class Planner:
     def settled(self, environment: Environment, albedo: NDArray[np.floating] | None) -> Settings:
         """The Settings of the plan, after their transfer was computed and checked on the sample.
 
-        Where it shows more noise than was predicted, too much for the tolerance, the rays are doubled.
+        Where it shows more noise than was predicted, too much for the tolerance, the rays are doubled. Bounced light is
+        checked by `bounced`, once it was computed.
         """
         plan, key = self.plan(environment, albedo), self._key(environment, albedo)
         if plan.checked is None and plan.choice is not None:
             self._check(plan)
-            self._precomputed.cache.put("plan", key, plan=np.array(json.dumps(plan.as_dict())))
+            if plan.settings.bounce_rays:
+                predicted = math.hypot(*plan.choice.of_bounces(plan.settings))
+                assert plan.checked is not None  # it was checked above
+                self._unbounced[key] = math.sqrt(max(plan.checked**2 - predicted**2, 0.0)), 0
+            else:
+                self._keep(plan, key)
         return plan.settings
+
+    def bounced(
+        self,
+        environment: Environment,
+        albedo: NDArray[np.floating] | None,  # (V, 3), None if white
+        direct: NDArray[np.float32],  # (V, 3) light on the white scene
+        radiance: NDArray[np.float32],  # (V, 3) exit radiance, with bounces
+        matrix: "Interreflection",  # that carried them
+    ) -> Settings | None:
+        """Settings with more bounce rays, where those of a light computed as `settled` says do not suffice; else None.
+
+        The error is measured in the first light of an image, whatever its angle, and is in the plan from then on.
+        """
+        key = self._key(environment, albedo)
+        if key not in self._unbounced:
+            return None
+        plan, (others, rounds) = self._plans[key], self._unbounced.pop(key)
+        with self._stages.stage("check"):
+            tint = np.float32(1.0) if albedo is None else albedo
+            sample = plan.choice.measured.wide(radiance - tint * direct)
+            found = bounce_errors(sample, tint, direct, radiance, matrix.hidden, self._precomputed.seed)
+        plan.checked = math.hypot(others, found.whole)
+        ended = plan.budget_s is not None or rounds == MOST_ROUNDS
+        rays = None if ended else more_rays(matrix.rays, found, others, self._tolerance)
+        if rays is None:
+            self._keep(plan, key)
+            return None
+        self._unbounced[key] = others, rounds + 1
+        plan.settings = plan.settings._replace(bounce_rays=rays)
+        plan.contributions = plan.choice.contributions(plan.settings)
+        return plan.settings
+
+    def _keep(self, plan: Plan, key: str) -> None:
+        self._precomputed.cache.put("plan", key, plan=np.array(json.dumps(plan.as_dict())))
 
     def _check(self, plan: Plan) -> None:
         fixed_rays = self._options.rays is not None
@@ -83,7 +127,9 @@ class Planner:
                 return
             transfer = self._precomputed.transfer(settings)[0]
             with self._stages.stage("check"):
-                plan.checked = plan.choice.checked(settings, transfer[plan.rows, : settings.bands**2])
+                rows = transfer[plan.rows, : settings.bands**2]
+                accepted = self._tolerance if plan.budget_s is None else math.inf  # which pays for no closer look
+                plan.checked = plan.choice.checked(settings, rows, accepted)
             rest = plan.choice.but_noise(settings)
             hopeless = rest > UNMENDED * self._tolerance and plan.checked < 2.0**0.5 * rest
             if plan.checked <= self._tolerance or hopeless or plan.budget_s is not None or fixed_rays or not left:

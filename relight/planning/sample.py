@@ -101,22 +101,47 @@ class Sample:
             raise ValueError("a kept sample is not finite")
         return True
 
+    def finer(self, times: int) -> "Sample":
+        """The same Sample that looks in so many times as many directions; its `rays` are those of this look."""
+        other = copy.copy(self)
+        other.rays = 0
+        other._look(times * len(self.directions))
+        if self._foliage is not None:
+            other._thicken(self._foliage)
+        return other
+
     def wider(self, count: int) -> "Sample":
         """So many vertices of the same scene, of which `open` and `seen` are not known."""
+        other, rows = copy.copy(self), _evenly(self._order(), count)
+        other._place(rows, np.full(len(rows), 1.0 / max(len(rows), 1)))
+        return other
+
+    def lit(self, count: int, square: Floats) -> "Sample":
+        """About so many of these vertices: half of them evenly, half in proportion to the square of their light, (S,),
+        for few vertices have most of it. Of a Sample that is `wider`. Weights sum to 1 but for chance."""
+        share = self.weights * square
+        whole = float(share.sum())
+        wanted = (self.weights + share / whole) / 2.0 if whole > 0.0 else self.weights
+        chance = np.minimum(count * wanted, 1.0)
+        edges = np.cumsum(chance)
+        at = np.searchsorted(edges, np.arange(0.5, edges[-1] if len(edges) else 0.0))
         other = copy.copy(self)
-        other.rows = _evenly(self._order(), count)
-        other.weights = np.full(len(other.rows), 1.0 / max(len(other.rows), 1))
-        other.normals = self.occluder.normals[other.rows]
-        leaf = np.zeros(len(self.occluder.origins), np.float32)
-        if self._foliage is not None:
-            leaf[self._foliage.rows] = self._foliage.share[:, 0]
-        other.solid = 1.0 - leaf[other.rows]
+        other._place(self.rows[at], self.weights[at] / chance[at])
         return other
 
     def _order(self) -> Indices:
         """The vertices that light is traced for, along a curve through space."""
         order = self.occluder.ranked[0]
         return order if self._traced is None else order[self._traced[order]]
+
+    def _place(self, rows: Indices, weights: NDArray[np.float64]) -> None:
+        """Take these vertices."""
+        self.rows, self.weights = rows, weights
+        self.normals = self.occluder.normals[rows]
+        leaf = np.zeros(len(self.occluder.origins), np.float32)
+        if self._foliage is not None:
+            leaf[self._foliage.rows] = self._foliage.share[:, 0]
+        self.solid = 1.0 - leaf[rows]
 
     def thickened(self, foliage: Foliage) -> tuple["Sample", float]:
         """(The same Sample with leaves and grass as volumes, seconds for a direction from all probes of a Foliage)."""

@@ -13,6 +13,7 @@ from relight import Environment, Relighter
 from relight.options import LightingOptions
 from relight.planning import costs
 from relight.planning.choice import SAFETY, Choice, best_of
+from relight.planning.effect_errors import EffectErrors
 from relight.planning.plan import Plan
 from relight.transfer.settings import BOUNCES, SHADOWS, SUN, Settings
 from splat2mesh.base.errors import InputError
@@ -281,13 +282,20 @@ def test_rays_are_doubled_where_the_law_was_wrong(monkeypatch):
 
 
 @pytest.mark.slow
-def test_needles_keep_to_the_tolerance():
-    scene, light = plan_scenes.needles(), Environment.load("overcast")
-    relighter = Relighter(scene, tolerance=0.03)
-    shading = relighter.shading(light)
-    # 384 vertices of 3,961; 2,048 directions of the sample see needles no better than so many rays
-    assert difference(shading.radiance, plan_scenes.truth(scene, light, directions=4096)) <= 0.03
-    assert relighter.plan_for(light).checked <= 0.033
+def test_rays_are_not_blamed_for_the_noise_of_the_sample(monkeypatch):
+    """In the shade of needles 1024 directions of the sample are off by more than 512 rays."""
+    scene, light = plan_scenes.needles(), Environment(SKIES["overcast"].radiance, "overcast")
+    found = []
+    for _ in range(2):
+        relighter = Relighter(scene, tolerance=0.03)
+        shading = relighter.shading(light)
+        found.append((relighter.plan_for(light).checked, shading))
+        monkeypatch.setattr(EffectErrors, "look_closer", lambda self: False)
+    (checked, closer), (without, _) = found
+    error = difference(closer.radiance, truth(scene, light, directions=4096))
+    # 384 vertices of 3,961, as above; the plain check is off by a third
+    assert error <= 0.03 and checked == pytest.approx(error, rel=0.2)
+    assert without - error > 3 * abs(checked - error)
 
 
 def test_rays_are_not_doubled_for_what_they_cannot_mend():

@@ -37,7 +37,7 @@ class Errors:
     def but_noise(self, settings):
         return self._rest
 
-    def checked(self, settings, rows):
+    def checked(self, settings, rows, tolerance):
         assert rows.shape == (2, settings.bands**2)
         return math.hypot(self._rest, self._noise / settings.rays**0.5)
 

@@ -9,6 +9,7 @@ import pytest
 from relight.albedo.direct import direct_light
 from relight.engine.relighter import Relighter
 from relight.light.environment import Environment, Suns
+from relight.planning.sample import Sample
 from relight.transfer import volume
 from relight.transfer.occluder import Occluder
 from relight.transfer.reference import reference
@@ -218,3 +219,14 @@ def test_the_reference_marches_to_every_part_of_the_light():
     share, free, _ = foliage.seen(np.arange(5), fibonacci_sphere(2000))
     assert (share == 1.0).all()
     np.testing.assert_allclose(light, free.mean(axis=1, keepdims=True) * np.ones(3), rtol=0.05)
+
+
+def test_a_sample_that_looks_closer_has_the_leaves_of_one_that_always_did():
+    scene = thicket(0.5)
+    occluder = Occluder(scene.vertices, scene.normals, scene.faces)
+    foliage = Foliage(scene.vertices, np.linspace(0.0, 1.0, 900), scene.measured.depth)
+    plain, fine = (Sample(occluder, 50, directions) for directions in (128, 512))
+    closer, expected = plain.thickened(foliage)[0].finer(4), fine.thickened(foliage)[0]
+    for name in ("directions", "open", "seen", "solid"):
+        np.testing.assert_array_equal(getattr(closer, name), getattr(expected, name))
+    assert plain.seen.shape == (50, 128) and not np.array_equal(closer.seen, fine.seen)
