@@ -212,11 +212,14 @@ class Choice:
 
     def but_noise(self, settings: Settings) -> float:
         """Predicted error of the settings except for the noise of their rays."""
-        bounced = costs.bounce_error(settings.bounce_rays, float(self.measured.bounces[0]))
-        parts = [bounced, settings.bounce_tolerance, 0.0 if self._leaves is None else self._leaves.lost]
+        parts = [*self.of_bounces(settings), 0.0 if self._leaves is None else self._leaves.lost]
         parts += [] if settings.rays else [self.measured.shadows]
         parts += [self._lost(settings, self._rest(settings)), self._splits[settings.sun_tolerance].width]
         return math.hypot(*parts)
+
+    def of_bounces(self, settings: Settings) -> tuple[float, float]:
+        """Predicted errors of bounced light: of its rays, and of the bounces after the last."""
+        return costs.bounce_error(settings.bounce_rays, float(self.measured.bounces[0])), settings.bounce_tolerance
 
     def _lost(self, settings: Settings, rest: Radiance | None) -> float:
         """What the bands lose of a light beside the suns, or of all light, in their shadows or without any."""

@@ -19,7 +19,7 @@ class Plan:
 
     settings: Settings. error: predicted relative L2 of exit radiance over the scene, for every rotation of the
     light. seconds: predicted, for the scene and the requested number of lights. sun_count: how many. tolerance,
-    budget_s: as asked, of LightingOptions; None for the other. vertices, rays: size of the sample.
+    budget_s: as asked, of LightingOptions; None for the other. vertices, rays: size of the sample, 0 without.
     contributions: [(effect, error without it or None, decision)]. curve: [(seconds, error, Settings)] that nothing
     quicker beats. planning_s: what the plan took. checked: the error as measured on the sample after the work.
     choice: the candidates, which give that error for Settings and a transfer (S, K) of the sample's `rows`, and
@@ -84,6 +84,12 @@ class Plan:
         """The plan as lines of text: decisions, then the curve, thinned to a dozen steps and the choice."""
         wish = f"tolerance {self.tolerance:g}" if self.budget_s is None else f"budget {self.budget_s:g} s"
         lines = [f"plan for {wish}: {self.settings}"]
+        if not self.rays:
+            lines.append("  not measured: on so few vertices a sample costs more than it saves")
+            return [
+                *lines,
+                f"  error at most {percent(self.error)} on generated scenes; predicted: {self.seconds:.2f} s",
+            ]
         lines.append(f"  {'effect':<15}{'error without':>14}  decision")
         for effect, error, decision in self.contributions:
             without = "-" if error is None else percent(error)

@@ -4,27 +4,26 @@ import json
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from splat2mesh.base.arrays import Mask, Radiance
+from splat2mesh.base.arrays import Radiance
 
 from ..light.environment import Environment
 from ..options import DEFAULT_TOLERANCE, LightingOptions
 from ..transfer.filtering import NOISE_POWER
-from ..transfer.occluder import Occluder
 from ..transfer.settings import BOUNCES, VOLUME, VOLUME_DIRECTIONS, VOLUME_ERROR, Settings
 from ..transfer.split_light import image_key
-from ..transfer.store import Cache, array_key
+from ..transfer.store import array_key
 from ..transfer.volume import Foliage
 from .bounce_check import MOST_ROUNDS, bounce_errors, more_rays
 from .choice import Choice, Leaves, best_of, curve_of
 from .effect_errors import EffectErrors
 from .plan import Plan
-from .sample import Sample
+from .sample import PlannedScene, Sample
+from .unmeasured import unmeasured
 
 if TYPE_CHECKING:
     from splat2mesh.base.progress import Stages
@@ -141,7 +140,9 @@ class Planner:
         known = self._precomputed
         scene = PlannedScene(known.occluder, albedo, known.foliage, known.traced, known.cache)
         with self._stages.stage("plan"):
-            return planned(scene, environment, self._options, angles, known.there())
+            return unmeasured(scene, self._options, angles) or planned(
+                scene, environment, self._options, angles, known.there()
+            )
 
     def _kept(self, key: str) -> Plan | None:
         kept = self._precomputed.cache.get("plan", key)
@@ -167,21 +168,6 @@ class Planner:
         )
         image = image_key(environment)
         return array_key(np.frombuffer(repr((image, self._albedo[1], wishes)).encode(), np.uint8))
-
-
-@dataclass(frozen=True, eq=False)
-class PlannedScene:
-    """A scene as its planning sees it.
-
-    occluder: of the whole scene. albedo: (V, 3) linear, white without. foliage: where it has one. traced: (V,) bool,
-    the vertices that light is traced for; all without. cache: its Cache, or None.
-    """
-
-    occluder: Occluder
-    albedo: Radiance | None = None
-    foliage: Foliage | None = None
-    traced: Mask | None = None
-    cache: Cache | None = None
 
 
 def planned(

@@ -4,6 +4,7 @@ import copy
 import platform
 import time
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import lru_cache, partial
 from typing import Any
 
@@ -261,3 +262,18 @@ def _nearest(directions: int) -> NDArray[np.int64]:
         rotated = toward @ np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]]).T
         found.append(tree.query(rotated, workers=-1)[1])
     return np.stack(found)
+
+
+@dataclass(frozen=True, eq=False)
+class PlannedScene:
+    """A scene as its planning sees it.
+
+    occluder: of the whole scene. albedo: (V, 3) linear, white without. foliage: where it has one. traced: (V,) bool,
+    the vertices that light is traced for; all without. cache: its Cache, or None.
+    """
+
+    occluder: Occluder
+    albedo: Radiance | None = None
+    foliage: Foliage | None = None
+    traced: Mask | None = None
+    cache: Cache | None = None

@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
-from plan_scenes import corner, occluder_of
+from plan_scenes import corner, difference, occluder_of, truth
 
-from relight import Environment
+from relight import Environment, Relighter
 from relight.options import LightingOptions
-from relight.planning import planner
+from relight.planning import planner, unmeasured
 from relight.planning.choice import SAFETY
-from relight.planning.planner import PlannedScene
-from relight.planning.sample import Sample
+from relight.planning.plan import Plan
+from relight.planning.sample import PlannedScene, Sample
 from relight.transfer.settings import VOLUME_DIRECTIONS
 
 
@@ -49,6 +49,45 @@ def test_a_plan_is_the_candidate_that_it_was_chosen_as(scene):
     assert plan.error == same.error <= SAFETY * 0.05
     assert plan.seconds == same.seconds
     assert all(each.seconds >= same.seconds for each in plan.choice.candidates if each.error <= SAFETY * 0.05)
+
+
+# -- without a sample
+
+
+@pytest.mark.parametrize("tolerance,bands", [(0.05, 8), (0.016, 8), (0.0159, 10), (0.0095, 10), (0.0094, None)])
+def test_few_vertices_take_everything_without_a_sample(scene, monkeypatch, tolerance, bands):
+    monkeypatch.setattr(unmeasured, "UNMEASURED_VERTICES", len(scene.vertices))
+    white = PlannedScene(occluder_of(scene))
+    plan = unmeasured.unmeasured(white, LightingOptions(tolerance=tolerance))
+    if bands is None:
+        assert plan is None
+        return
+    assert plan.settings.bands == bands and plan.settings.bounce_rays == 0 < plan.settings.sun_tolerance
+    assert plan.error <= tolerance and plan.rays == 0 and plan.seconds > 0.0
+    assert (plan.seconds, plan.error, plan.settings) in plan.curve
+    assert Plan.from_dict(plan.as_dict()).settings == plan.settings and "not measured" in plan.table()[1]
+    looser = unmeasured.unmeasured(white, LightingOptions(tolerance=2.0 * tolerance))
+    assert looser.settings.rays <= plan.settings.rays
+    grey = PlannedScene(white.occluder, np.full(scene.vertices.shape, 0.5, np.float32))
+    assert unmeasured.unmeasured(grey, LightingOptions(tolerance=tolerance)).settings.bounce_rays > 0
+    for asked in ({"bands": 4}, {"rays": 8}, {"effects": "shadows"}, {"method": "raytraced"}):
+        assert unmeasured.unmeasured(white, LightingOptions(tolerance=tolerance, **asked)) is None
+    assert unmeasured.unmeasured(white, LightingOptions(budget_s=1e-9)).settings.bands == 8  # the quickest
+    assert unmeasured.unmeasured(white, LightingOptions(budget_s=1000.0)).settings.bands == 10  # the finest
+    monkeypatch.setattr(unmeasured, "UNMEASURED_VERTICES", len(scene.vertices) - 1)
+    assert unmeasured.unmeasured(white, LightingOptions(tolerance=tolerance)) is None
+
+
+@pytest.mark.parametrize("tolerance", [0.05, 0.01])
+@pytest.mark.parametrize("sky", ["noon", "overcast"])
+def test_what_is_taken_without_a_sample_is_within_the_tolerance(scene, monkeypatch, tolerance, sky):
+    monkeypatch.setattr(unmeasured, "UNMEASURED_VERTICES", len(scene.vertices))
+    albedo, light = np.full(scene.vertices.shape, 0.5, np.float32), Environment.load(sky)
+    relighter = Relighter(scene, tolerance=tolerance)
+    shading = relighter.shading(light, albedo)
+    plan = relighter.plan_for(light, albedo)
+    assert plan.rays == 0 and plan.checked is None and shading.settings == plan.settings
+    assert difference(shading.radiance, truth(scene, light, albedo)) <= tolerance
 
 
 # -- leaves and grass
