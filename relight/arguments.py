@@ -9,10 +9,10 @@ from splat2mesh.base.completion import add_completion, offer
 from splat2mesh.base.version import VERSION
 from splat2mesh.cli import MESHING_WORDS, add_display, add_meshing, add_tiling
 
-from .light import ANEW, CAPTURED, CAPTURED_SKIES, SKIES
+from .light import ANEW, CAPTURED, CAPTURED_SKIES
 from .options import DEFAULT_TOLERANCE, PLACE_TOLERANCE, LightingOptions
-from .output.kinds import BAKED, CITY_FILES, COLOR_SPACES, FILES, HARMONICS
-from .request import RelightRequest
+from .output.kinds import FILES
+from .request import ALBEDOS, CHOICES, RelightRequest
 from .transfer import METHODS
 from .transfer.settings import EFFECTS, GLOSS
 
@@ -37,21 +37,17 @@ BUILTIN = ("studio", "overcast", "noon", "sunset")
 """Names of `light.skies.BUILTIN`, whose module is too heavy to import here."""
 
 WORDS: dict[str, Iterable[str]] = {
-    "--env": (*BUILTIN, CAPTURED),
-    "--captured-sky": CAPTURED_SKIES,
-    "--captured-light": (ANEW,),
-    "--on": ("floor",),
-    "--lamps": ("keep", "off"),
-    "--albedo": ("estimated", "captured", "white"),
-    "--method": METHODS,
-    "--effects": ("auto", "none", *EFFECTS, GLOSS),
-    "--format": dict.fromkeys((*FILES, *CITY_FILES)),
-    "--color-space": COLOR_SPACES,
-    "--harmonics": HARMONICS,
-    "--bake": BAKED,
-    "--sky": SKIES,
+    **CHOICES,
+    "env": (*BUILTIN, CAPTURED),
+    "captured_sky": CAPTURED_SKIES,
+    "captured_light": (ANEW,),
+    "on": ("floor",),
+    "lamps": ("keep", "off"),
+    "albedo": ALBEDOS,
+    "method": METHODS,
+    "effects": ("auto", "none", *EFFECTS, GLOSS),
 }
-"""Words that shells offer as values of options."""
+"""Words that shells offer as values of options, by setting."""
 
 
 class AnySun(argparse.Action):

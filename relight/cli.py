@@ -9,22 +9,20 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from splat2mesh.base.choices import MOST_STEPS
-from splat2mesh.base.commandline import chosen, several, share
+from splat2mesh.base.choices import MOST_STEPS, check_choice
+from splat2mesh.base.commandline import share
 from splat2mesh.base.console import Display, notify, open_streams, run
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.outputs import check_output
 from splat2mesh.base.progress import Stages
 from splat2mesh.base.requests import given, option_names
+from splat2mesh.base.specs import vector
 from splat2mesh.cli import convert_options, display_options, tiling_options
 
 from .arguments import parser
-from .light import CAPTURED_SKIES, SKIES
-from .light.axes import check_axis
+from .light import CAPTURED_SKIES
 from .options import LightingOptions
-from .output.kinds import BAKED, CITY_FILES, COLOR_SPACES, FILES, HARMONICS
-from .request import RelightRequest
-from .transfer import METHODS
+from .request import ALBEDOS, RelightRequest
 
 if TYPE_CHECKING:
     from .jobs.job import Job
@@ -79,35 +77,29 @@ def axis_from(text: str) -> tuple[float, float, float] | None:
     axis = text.rpartition(":")[2]
     if "," not in axis:
         return None
-    try:
-        return check_axis([float(each) for each in axis.split(",")])
-    except ValueError as error:  # InputError is one
-        raise InputError(f"--rotate {text}: expected an axis of three numbers, not all 0, as in 45:1,0,0") from error
+    with contextlib.suppress(InputError):
+        if any(found := vector("rotate", axis)):
+            return found
+    raise InputError(f"--rotate {text}: expected an axis of three numbers, not all 0, as in 45:1,0,0")
 
 
 def _phrases(words: list[list[str]]) -> list[str]:
     return [" ".join(each).strip() for each in words]
 
 
-def _word_or_file(option: str, value: str, words: Iterable[str]) -> str:
+def _word_or_file(name: str, value: str, words: Iterable[str]) -> str:
     """A file, or one of the words. Raises InputError for anything else."""
-    return value if Path(value).exists() or "." in value else chosen(option, value, words)
+    return value if Path(value).exists() or "." in value else check_choice(name, value, words)
 
 
 READ: dict[str, Callable[[Any], Any]] = {
     "placed": _phrases,
     "inserted": _phrases,
     "parts": _phrases,
-    "method": lambda value: chosen("--method", value, METHODS),
     "tolerance": lambda value: share("--tolerance", value),
-    "captured_sky": lambda value: _word_or_file("--captured-sky", value, CAPTURED_SKIES),
+    "captured_sky": lambda value: _word_or_file("captured_sky", value, CAPTURED_SKIES),
     "angles_deg": angles_from,
-    "formats": lambda value: several("--format", value, dict.fromkeys([*FILES, *CITY_FILES])),
-    "baked": lambda value: several("--bake", value, BAKED),
-    "harmonics": lambda value: chosen("--harmonics", value, HARMONICS),
-    "sky": lambda value: chosen("--sky", value, SKIES),
-    "albedo": lambda value: _word_or_file("--albedo", value, ("estimated", "captured", "white")),
-    "color_space": lambda value: chosen("--color-space", value, COLOR_SPACES),
+    "albedo": lambda value: _word_or_file("albedo", value, ALBEDOS),
 }
 """Field of a request -> what turns its words into the value, or raises InputError."""
 
@@ -170,9 +162,16 @@ def _done(
         if hasattr(words, "plan"):
             return _planned(request, stages, getattr(words, "plot", None))
         if port is not None:
-            return _served(request, port, stages)
+            from .api import serve_request
+
+            serve_request(request, port, lambda url: notify(f"open {url} (Ctrl-C stops)"), stages)
+            return [], {"served": True}
         if hasattr(words, "view") or hasattr(words, "screenshot"):
-            return _viewed(request, getattr(words, "screenshot", None), stages)
+            from .api import view_request
+
+            screenshot = getattr(words, "screenshot", None)
+            view_request(request, screenshot=screenshot, stages=stages)
+            return [screenshot] if screenshot else [], {"screenshot": screenshot}
         done = folders.relight_files(request, stages)
     finally:
         stages.close()
@@ -220,7 +219,7 @@ def _check_session(words: argparse.Namespace, port: int | None) -> None:
 
 def _plotted(report: Any, path: Path) -> str:
     """Draw the curve of a plan: a line of the summary. Raises InputError where nothing was planned."""
-    from .planning.plot import plot_plan
+    from .planning.plan import plot_plan
 
     if report.plan is None or not report.plan.rays:
         raise InputError(f"--plot {path}: there is no curve to draw: {report.note or 'nothing was measured'}")
@@ -253,20 +252,6 @@ def _planned(request: RelightRequest, stages: Stages, plot: str | None) -> tuple
 def _picture_folder(scene: str) -> str:
     """The folder of a plan's pictures: that of the scene, or for a file NAME_relit, which also takes its results."""
     return scene if os.path.isdir(scene) else f"{Path(scene).stem}_relit"
-
-
-def _viewed(request: RelightRequest, screenshot: str | None, stages: Stages) -> tuple[list[str], Any]:
-    from .api import view_request
-
-    view_request(request, screenshot=screenshot, stages=stages)
-    return [screenshot] if screenshot else [], {"screenshot": screenshot}
-
-
-def _served(request: RelightRequest, port: int, stages: Stages) -> tuple[list[str], Any]:
-    from .api import serve_request
-
-    serve_request(request, port, lambda url: notify(f"open {url} (Ctrl-C stops)"), stages)
-    return [], {"served": True}
 
 
 def _is_page(source: Path) -> bool:

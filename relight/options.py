@@ -2,6 +2,7 @@
 
 import math
 import os
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
@@ -204,14 +205,6 @@ def _able(method: str) -> frozenset[str]:
     return frozenset(EFFECTS if method in ("auto", "raytraced") else ())
 
 
-def _one_of(*choices: str) -> Callable[[str, Any], Any]:
-    def checked(name: str, value: Any) -> Any:
-        check_choice(name, value, choices)
-        return value
-
-    return checked
-
-
 def _checked_bands(_: str, bands: int) -> int:
     from .sh.harmonics import check_bands
 
@@ -225,7 +218,7 @@ def _above_zero(name: str, value: float) -> float:
 
 
 def _checked_sun(_: str, sun: Any) -> Any:
-    from .light.captured_sun import captured_sun
+    from .light.daylight import captured_sun
 
     return captured_sun(sun)
 
@@ -252,18 +245,8 @@ def _checked_lamps(_: str, choice: Any) -> str | float | tuple[tuple[LampKey, fl
 
 def _words_of_lamps(text: str) -> list[tuple[str, str]]:
     """(number or x,y,z; factor) of each lamp in a text such as "1=off,at=1.2,2.0,-.4=0.5"; a place alone is off."""
-    parts, found = text.split(","), []
-    while parts:
-        word = parts.pop(0).strip()
-        if word.startswith("at="):
-            while "=" not in word[3:] and parts and word.count(",") < 2:
-                word += "," + parts.pop(0)
-            place, _, factor = word[3:].partition("=")
-            found.append((f"at={place}", factor.strip() or "off"))
-        else:
-            number, _, factor = word.partition("=")
-            found.append((number, factor))
-    return found
+    found = re.findall(r"\s*(at=[^=,]*(?:,[^=,]*){0,2}|[^=,]*)(?:=([^,]*))?(?:,|$)", text)[:-1]  # the last is the end
+    return [(name, factor.strip() or "off" * name.startswith("at=")) for name, factor in found]
 
 
 def _checked_key(name: Any, factor: Any) -> LampKey:
@@ -324,7 +307,7 @@ def _checked_effects(choice: str | Iterable[str], method: str) -> str | frozense
 
 
 _CHECKED: dict[str, Callable[[str, Any], Any]] = {
-    "method": _one_of(*METHODS),
+    "method": lambda name, value: check_choice(name, value, METHODS),
     "seed": lambda _, seed: check_seed(seed),
     "bands": _checked_bands,
     "rays": lambda _, rays: check_rays(rays),

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
-from splat2mesh.base.choices import DEFAULT_FPS, MOST_STEPS, check_choice
+from splat2mesh.base.choices import DEFAULT_FPS, MOST_STEPS, check_choice, several
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.specs import vector
 from splat2mesh.options import ConvertOptions, TilingOptions
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
     from splat2mesh.scene.foreign import AnyScene
 
-    from .insert.probe_grid import ProbeGrid
+    from .insert.probe import ProbeGrid
     from .light.environment import Environment
 
 AnyLight: TypeAlias = "Environment | DaylightRequest | str | os.PathLike[str]"
@@ -52,6 +52,18 @@ AUTO = "auto"
 
 CACHING = ("keep", "read", "none")
 """Write and read the cache in the scene's folder, only read it, or neither."""
+
+ALBEDOS = "estimated", "captured", "white"
+
+CHOICES = {
+    "formats": tuple(dict.fromkeys([*FILES, *CITY_FILES])),
+    "baked": BAKED,
+    "sky": SKIES,
+    "color_space": COLOR_SPACES,
+    "harmonics": HARMONICS,
+    "caching": CACHING,
+}
+"""Field -> the words that it takes, one or several."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,7 +209,6 @@ class RelightRequest:
             raise InputError("`captured_light`: it is a known light as `capture_env` is; give one of them")
         self._check_outputs()
         check_parts(self)
-        self._check_words()
         self._check_angles()
         if self.exposure_ev is not None and not abs(self.exposure_ev) <= MOST_EXPOSURE_EV:
             limit = f"{MOST_EXPOSURE_EV:g}"
@@ -209,14 +220,18 @@ class RelightRequest:
         object.__setattr__(self, name, value)
 
     def _bring_into_form(self) -> None:
-        """Make tuples of lists, and one light of a list with one."""
+        """Make tuples of lists, one light of a list with one, and the words of CHOICES of any like them."""
         for name in ("inserted", "only", "keep", "parts"):
             value = getattr(self, name)
             self._set(name, tuple(value) if isinstance(value, (list, tuple)) else (value,))
-        for name in ("angles_deg", "baked", "probe_at"):
+        for name in ("angles_deg", "probe_at"):
             self._set(name, tuple(getattr(self, name)))
-        if self.formats is not None:
-            self._set("formats", tuple(self.formats))
+        for name, choices in CHOICES.items():
+            value = getattr(self, name)
+            if name not in ("formats", "baked"):
+                self._set(name, check_choice(name, value, choices))
+            elif value is not None:
+                self._set(name, several(name, (value,) if isinstance(value, str) else tuple(value), choices))
         if isinstance(self.env, (list, tuple)):
             self._set("env", self.env[0] if len(self.env) == 1 else tuple(self.env) or AUTO)
 
@@ -290,19 +305,9 @@ class RelightRequest:
     @property
     def probe_grid(self) -> "ProbeGrid | None":
         """The grid of `probes`; None without. Raises InputError for other words."""
-        from .insert.probe_grid import ProbeGrid
+        from .insert.probe import ProbeGrid
 
         return ProbeGrid.parse(self.probes) if self.probes else None
-
-    def _check_words(self) -> None:
-        check_choice("sky", self.sky, SKIES)
-        check_choice("color_space", self.color_space, COLOR_SPACES)
-        check_choice("harmonics", self.harmonics, HARMONICS)
-        check_choice("caching", self.caching, CACHING)
-        for word in self.formats or ():
-            check_choice("formats", word, tuple(dict.fromkeys([*FILES, *CITY_FILES])))
-        for word in self.baked:
-            check_choice("baked", word, BAKED)
 
     @classmethod
     def of(

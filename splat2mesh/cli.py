@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from .base.choices import DEFAULT_FPS
-from .base.commandline import Parser, chosen, count
+from .base.commandline import Parser, count
 from .base.completion import add_completion, offer
 from .base.console import Display, open_streams, peak_mb, run
 from .base.errors import InputError
@@ -37,12 +37,12 @@ DEFAULT_TEXTURE = "auto"
 """Default texture of the command, for people who look at its output; the library makes one only on request."""
 
 MESHING_WORDS: dict[str, Iterable[str]] = {
-    **{"--from" if name == "stand" else f"--{name}": choices for name, choices in CHOICES.items()},
-    "--vertices": ("auto",),
-    "--texture": ("auto", "none"),
-    "--lod": ("auto",),
+    **CHOICES,
+    "vertices": ("auto",),
+    "texture": ("auto", "none"),
+    "lod": ("auto",),
 }
-"""Words that shells offer for the options of `add_meshing`."""
+"""Words that shells offer for the options of `add_meshing`, by field."""
 
 
 def parser() -> argparse.ArgumentParser:
@@ -149,9 +149,6 @@ def convert_options(words: argparse.Namespace) -> ConvertOptions:
         said["texture"] = said["texture"].lower()
     if "eyes" in said:
         said["eyes"] = [vector("eyes", text) for text in said["eyes"]]
-    for name, choices in CHOICES.items():
-        if name in said:
-            said[name] = chosen("--from" if name == "stand" else f"--{name}", said[name], choices)
     return ConvertOptions(**said)
 
 

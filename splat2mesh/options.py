@@ -105,7 +105,7 @@ class ConvertOptions:
             raise InputError(f"`max_chunk_vertices` {self.max_chunk_vertices}: a chunk needs at least {LEAST_CHUNK}")
         for name, choices in CHOICES.items():
             if name != "proxy" or self.proxy is not None:
-                check_choice(name, getattr(self, name), choices)
+                object.__setattr__(self, name, check_choice(name, getattr(self, name), choices))
         object.__setattr__(self, "lod", check_lod(self.lod))
         object.__setattr__(self, "texture", check_texture(self.texture))
         object.__setattr__(self, "seed", check_seed(self.seed))

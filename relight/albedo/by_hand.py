@@ -22,9 +22,8 @@ from splat2mesh.base.errors import InputError
 from splat2mesh.scene.color import luminance
 
 from ..light.captured_light import CapturedLights, LikelyLight, LikelySun, choose_new, read_environment
-from ..light.environment import Environment
+from ..light.environment import Environment, Suns
 from ..light.sun_position import toward
-from ..light.suns import Suns
 from .captured import CapturedScene
 from .division import albedo_of, prior_of
 from .offered import drawn_sun, environment_of, facing, texels

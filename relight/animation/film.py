@@ -5,10 +5,10 @@ import shutil
 import subprocess
 import tempfile
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,20 +16,19 @@ from numpy.typing import NDArray
 from splat2mesh.base.arrays import Floats, Radiance
 from splat2mesh.base.choices import DEFAULT_FPS, MOST_STEPS
 from splat2mesh.base.errors import InputError
+from splat2mesh.base.gltf import GltfData
 from splat2mesh.base.outputs import check_output, staged_file, staged_folder
-from splat2mesh.scene.mesh import Mesh
+from splat2mesh.scene.mesh import Mesh, unit
 from splat2mesh.scene.scene import Scene
 
+from ..insert.asked import AskedInsert
+from ..insert.inserts import InsertedLight, Inserts
+from ..insert.objects import InsertedObject, Part
+from ..light.environment import Environment
 from ..light.tonemap import auto_exposure
 from ..output.images import write_png
 from ..output.preview import Preview, default_camera
-from .animation import POSES
-
-if TYPE_CHECKING:
-    from ..insert.inserts import InsertedLight, Inserts
-    from ..light.environment import Environment
-    from .acting import Acting
-    from .animation import Animation
+from .animation import POSES, Animation
 
 FILM = "animation.mp4"
 MARKER = "0000.png"
@@ -71,15 +70,66 @@ class Shot:
     exposure: float | None = None
 
 
+class Acting:
+    """Inserts of which some move.
+
+    first: their first pose, in which they are placed. duration_s: of the longest animation; those that end before hold
+    their last pose. name: of the first animation.
+    Raises InputError where none has an animation.
+    """
+
+    def __init__(self, inserts: Inserts) -> None:
+        self._rest = inserts
+        self._animations = [_animation(asked) for asked in inserts.asked]
+        found = [each for each in self._animations if each is not None]
+        if not found:
+            raise InputError("`animated`: no inserted object has an animation; leave it out")
+        self.duration_s = max(each.duration_s for each in found)
+        self.name = found[0].name
+        self.first = inserts.posed(self._objects(0.0), anew=True)
+
+    def at(self, time_s: float) -> Inserts:
+        """The objects at a time."""
+        return self.first.posed(self._objects(time_s))
+
+    def _objects(self, time_s: float) -> list[InsertedObject]:
+        pairs = zip(self._rest.objects, self._animations, strict=True)
+        return [each if animation is None else _posed(each, animation, time_s) for each, animation in pairs]
+
+    @property
+    def sampled(self) -> list[Inserts]:
+        """The objects in some poses, evenly over the time."""
+        return [self.at(float(time_s)) for time_s in np.linspace(0.0, self.duration_s, POSES)]
+
+
+def _animation(asked: AskedInsert) -> Animation | None:
+    source = asked.source
+    if isinstance(source, Mesh) or Path(source).suffix.lower() not in (".glb", ".gltf"):
+        return None
+    return Animation(str(source)) if GltfData(str(source)).document.animations else None
+
+
+def _posed(each: InsertedObject, animation: Animation, time_s: float) -> InsertedObject:
+    poses: dict[int, list[tuple[NDArray[np.float32], NDArray[np.float32]]]] = {}
+    for chunk, pose in zip(animation.chunks, animation.at(time_s), strict=True):
+        poses.setdefault(chunk.node, []).append(pose)
+    return replace(each, parts=[_part(part, poses[part.node].pop(0)) for part in each.parts if part.node is not None])
+
+
+def _part(part: Part, pose: tuple[NDArray[np.float32], NDArray[np.float32]]) -> Part:
+    vertices, normals = pose
+    return replace(part, vertices=part.carried(vertices), normals=unit(part.carried(normals)).astype(np.float32))
+
+
 def animate(
-    animation: "Animation",
+    animation: Animation,
     radiance_of: Callable[[Scene, float], Radiance],  # of each frame's Scene and time in s: (V, 3) linear radiance
-    environment: "Environment",  # shown behind; see `Preview.render`
+    environment: Environment,  # shown behind; see `Preview.render`
     asked: FilmRequest,
     shot: Shot = Shot(),
     advance: Callable[[int], Any] = lambda count: None,
     finish: Callable[[Path, Frames], Any] = lambda folder, frames: None,  # called with the folder before it appears
-) -> "Frames":
+) -> Frames:
     """Light and draw every frame from the time 0 to the animation's end: Frames.
 
     Raises InputError for a folder that is not to be replaced and a rate that is not above 0; an encoder that fails is
@@ -101,14 +151,14 @@ def animate(
 
 
 def film_objects(
-    acting: "Acting",
-    lit: "Callable[[Inserts], InsertedLight]",  # objects in the light of the place
-    painter: "Callable[[list[InsertedLight]], Callable[[InsertedLight], NDArray[np.uint8]]]",  # of some of the poses
+    acting: Acting,
+    lit: Callable[[Inserts], InsertedLight],  # objects in the light of the place
+    painter: Callable[[list[InsertedLight]], Callable[[InsertedLight], NDArray[np.uint8]]],  # of some of the poses
     asked: FilmRequest,
     exposure: float,
     advance: Callable[[int], Any] = lambda count: None,
     finish: Callable[[Path, Frames], Any] = lambda folder, frames: None,
-) -> "Frames":
+) -> Frames:
     """The same of animated objects in a static place, to the end of the longest animation: each frame retraces only
     their reach. painter: returns the function that draws a frame. The rest as of `animate`."""
     times = frame_times(acting.duration_s, asked.fps)
@@ -146,7 +196,7 @@ def frame_times(duration_s: float, fps: float) -> NDArray[np.float64]:
     return np.arange(count) / fps
 
 
-def fitted_camera(animation: "Animation", aspect: float) -> dict:
+def fitted_camera(animation: Animation, aspect: float) -> dict:
     """The default camera for all vertices of 16 poses of the animation."""
     times = np.linspace(0.0, animation.duration_s, POSES)
     points = np.concatenate([vertices for time_s in times for vertices, _ in animation.at(time_s)])

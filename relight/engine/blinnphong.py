@@ -6,9 +6,8 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Directions, Vector
 
-from ..light.environment import Environment
+from ..light.environment import Environment, Suns
 from ..light.sun_split import split
-from ..light.suns import Suns
 from ..sh.normals import unit_normals
 
 LAMPS = 16

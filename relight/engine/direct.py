@@ -12,8 +12,7 @@ from ..transfer.apply import BlockTransfer
 from ..transfer.split_light import split_light
 
 if TYPE_CHECKING:
-    from ..light.environment import Environment
-    from ..light.suns import Suns
+    from ..light.environment import Environment, Suns
     from ..transfer.settings import Settings
     from ..transfer.store import Cache
 

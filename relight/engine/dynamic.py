@@ -15,7 +15,7 @@ from ..transfer.settings import Settings
 from .posed import scene_at
 
 if TYPE_CHECKING:
-    from ..light.suns import Suns
+    from ..light.environment import Suns
 
 
 class DynamicGeometry:

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..lamps.asked import AskedLamp, LampScale, in_words, resolve
-from ..lamps.moving import moved
 from ..lamps.photometry import times
-from ..lamps.placing import in_brief
-from ..light.captured import CapturedLight
+from ..lamps.shapes import moved
+from ..lamps.spec import in_brief
 from ..light.environment import Environment
+from ..light.loading import CapturedLight
 from ..light.tonemap import auto_exposure
 from ..options import LightingOptions
 from .appearance import Appearance

@@ -17,7 +17,7 @@ from splat2mesh.scene.color import BLACK, luminance
 from ..albedo.division import DARKEST, LIGHTEST
 from ..lamps.emitters import Emitters, emitters_of
 from ..lamps.shapes import Lamp
-from ..lamps.tracing import LitVertices, Ordered, lamplight, ordered
+from ..lamps.tracing import Ordered, lamplight, ordered
 from ..planning.lamp_plan import RayPlan, plan_first_bounce, plan_lamps
 from ..rooms.evenness import Evenness
 from ..rooms.room import AVERAGING_ROUNDS
@@ -163,10 +163,8 @@ class LampLight:
         return bouncing and self._look.albedo is not None  # in a scene all white light would never fade
 
     def _direct(self, emitters: Emitters, advance: Advance = lambda count: None) -> NDArray[np.float32]:
-        seed, at = self._relighter.options.seed, LitVertices(leaf=self._leaf)
-        light = lamplight(
-            self._receivers, emitters, self.plan.rays, at=at, least=self._least, seed=seed, advance=advance
-        )
+        known = self._receivers, emitters, self.plan.rays
+        light = lamplight(*known, at=self._ordered, least=self._least, advance=advance)
         return light if self._evenness is None else self._evenness.average(light, AVERAGING_ROUNDS)
 
     @cached_property

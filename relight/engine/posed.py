@@ -20,7 +20,7 @@ from ..transfer.neuralgash import UnitFrame, neural_gash
 from ..transfer.settings import Settings
 
 if TYPE_CHECKING:
-    from ..light.suns import Suns
+    from ..light.environment import Suns
 
 PER_VERTEX = "analytic", "neural-gash"
 """Methods whose transfer of a vertex depends on its position and normal alone."""

@@ -15,7 +15,7 @@ from splat2mesh.scene.foreign import AnyScene, as_scene
 from splat2mesh.scene.scene import Scene
 
 from ..albedo.said import Said
-from ..light.captured import CapturedLight
+from ..light.loading import CapturedLight
 from ..options import LightingOptions
 from ..planning import planner
 from ..rooms.hidden import kept_volumes

@@ -11,7 +11,7 @@ from splat2mesh.base.progress import Stages
 from ..transfer.sunlight import sunlight
 
 if TYPE_CHECKING:
-    from ..light.suns import Suns
+    from ..light.environment import Suns
     from ..transfer.precomputed import Precomputed
     from ..transfer.settings import Settings
 

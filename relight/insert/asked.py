@@ -7,7 +7,6 @@
 The words are those of `splat2mesh.base.specs`.
 """
 
-import json
 import math
 import os
 from collections.abc import Iterable, Mapping
@@ -17,10 +16,12 @@ from typing import Any
 
 from splat2mesh.base.arrays import Triple
 from splat2mesh.base.errors import InputError
-from splat2mesh.base.inputs import inside
+from splat2mesh.base.inputs import inside, read_json
 from splat2mesh.base.specs import clip, parse_spec, plain, vector
 from splat2mesh.layout import LARGEST
 from splat2mesh.scene.mesh import Mesh
+
+from ..lamps.shapes import checked_size
 
 WORDS = ("at", "turn", "scale", "on", "albedo")
 """Keys of the name=value words after a file."""
@@ -50,9 +51,9 @@ class AskedInsert:
     def __post_init__(self) -> None:
         set_to = object.__setattr__
         set_to(self, "at", vector("at", self.at))
-        set_to(self, "turn_deg", _number("turn", self.turn_deg, -math.inf, math.inf))
+        set_to(self, "turn_deg", checked_size("turn", self.turn_deg, -math.inf))
         if self.scale is not None:
-            set_to(self, "scale", _number("scale", self.scale, 0.0, LARGEST))
+            set_to(self, "scale", checked_size("scale", self.scale, most=LARGEST))
         if self.on is not None and self.on not in SUPPORTS:
             raise InputError(f"on {clip(self.on)}: expected {' or '.join(SUPPORTS)}")
         if self.albedo is not None:
@@ -109,10 +110,7 @@ def _parsed(text: str) -> list[AskedInsert]:
 def _layout(path: Path) -> list[AskedInsert] | None:
     """The objects of a layout: a list, or {"objects": [...]}, of {"file", "at", ...}. None for JSON of another kind,
     such as a splat's."""
-    try:
-        content = json.loads(path.read_text("utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        raise InputError(f"not a layout of objects ({str(error)[:80]})") from None
+    content = read_json(path)
     if isinstance(content, dict):
         if "objects" not in content:
             return None
@@ -148,13 +146,3 @@ def _albedo(value: Any) -> Triple:
     if not all(0.0 <= each <= 1.0 for each in (red, green, blue)):
         raise InputError(f"albedo {clip(value)}: expected one or three linear values from 0 to 1")
     return red, green, blue
-
-
-def _number(name: str, value: Any, least: float, most: float) -> float:
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        number = math.nan
-    if not (math.isfinite(number) and least <= number <= most) or (name == "scale" and number == 0.0):
-        raise InputError(f"{name} {clip(value)}: expected a number" + " above 0" * (name == "scale"))
-    return number

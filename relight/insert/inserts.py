@@ -1,32 +1,38 @@
-"""Objects in a scene under one light after another: the light on them, and their effect on the scene."""
+"""Objects in a scene under one light after another: the light on them, and their effect on the scene and its splats.
+
+A mesh of a place has vertices a hand apart, but a contact shadow has an edge. So for splats the triangles that change
+are subdivided until they are fine near the object, their vertices traced, and the splats bound to them.
+"""
 
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.errors import DataWarning
 from splat2mesh.scene.color import luminance
+from splat2mesh.scene.mesh import Mesh, unit
+from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.joining import joined
+from splat2mesh.splats.splats import Splats
 
 from ..engine.appearance import CAPTURE
 from ..engine.relit_room import SOFTNESS
 from ..planning.costs import FOLLOWED
-from ..transfer.occluder import Frame
+from ..splats import Binding
+from ..splats.light_ratio import Usual
 from .asked import AskedInsert
 from .gathering import Casting, change_at, light_on
-from .objects import InsertedObject, read_object
-from .placing import placed_by
-from .standing import Standing
+from .objects import InsertedObject
+from .refine import carried, refined
+from .standing import Standing, placed_by
 from .surroundings import Receiving, Surroundings
 
 if TYPE_CHECKING:
-    from splat2mesh.splats.splats import Splats
-
     from ..engine.appearance import Appearance
     from ..engine.relighter import Relighter
 
@@ -46,23 +52,19 @@ bit."""
 BURIED = 0.9
 """Share of dark vertices above which an object is inside a wall."""
 
+FINENESS = 20.0
+"""Edges along the radius of the smallest object, in the region that it changes."""
 
-class Held(NamedTuple):
-    """What objects keep when they move. frame: the unit Frame of the scene. diagonal: of the scene. objects: as read.
-    placed: the matrices of where they are; None where they are placed anew."""
-
-    frame: Frame
-    diagonal: float
-    objects: list[InsertedObject]
-    placed: list[NDArray[np.float64]] | None = None
+MOST_FACES = 600_000
+"""Number of faces in the changed region above which none is subdivided."""
 
 
 class Inserts:
     """Objects in the scene of a Relighter.
 
-    asked: the requested objects. look: returns the Appearance, whose albedo bounces use. read: reads a requested
-    object, as `read_object` reads meshes. held: of the same objects elsewhere.
-    Raises InputError, on first use, for files that cannot be read.
+    asked: the requested objects. look: returns the Appearance, whose albedo bounces use. objects: returns them as
+    read, in their own frames. placed: their matrices; without they are placed anew. Raises InputError, on first use,
+    for files that cannot be read.
     """
 
     def __init__(
@@ -70,10 +72,11 @@ class Inserts:
         asked: Sequence[AskedInsert],
         relighter: "Relighter",
         look: "Callable[[], Appearance]",
-        read: Callable[[AskedInsert], InsertedObject] = read_object,
-        held: Held | None = None,
+        objects: Callable[[], list[InsertedObject]],
+        placed: list[NDArray[np.float64]] | None = None,
     ) -> None:
-        self.asked, self.relighter, self._look, self._read, self._given = list(asked), relighter, look, read, held
+        self.asked, self.relighter, self._look = list(asked), relighter, look
+        self._objects, self._placed = objects, placed
 
     @property
     def look(self) -> "Appearance":
@@ -81,44 +84,31 @@ class Inserts:
 
     def moved(self, asked: Sequence[AskedInsert]) -> "Inserts":
         """The same objects in other positions, without reading them again."""
-        return Inserts(asked, self.relighter, self._look, held=self._held)
+        return Inserts(asked, self.relighter, self._look, lambda: self.objects)
 
-    def posed(self, objects: list[InsertedObject]) -> "Inserts":
-        """The same objects in other poses, placed by the same matrices."""
-        held = self._held._replace(objects=objects, placed=self._placed)
-        return Inserts(self.asked, self.relighter, self._look, held=held)
+    def posed(self, objects: list[InsertedObject], anew: bool = False) -> "Inserts":
+        """The same objects in other poses, placed by the same matrices or anew."""
+        return Inserts(self.asked, self.relighter, self._look, lambda: objects, None if anew else self.placed)
 
-    def starting(self, objects: list[InsertedObject]) -> "Inserts":
-        """The same objects in other poses, dropped onto the floor."""
-        return Inserts(self.asked, self.relighter, self._look, held=self._held._replace(objects=objects))
-
-    @property
+    @cached_property
     def objects(self) -> list[InsertedObject]:
         """The objects as read, in their own frames."""
-        return self._held.objects
+        return self._objects()
 
     @cached_property
-    def _held(self) -> Held:
-        """What stays where they move."""
-        if self._given is not None:
-            return self._given._replace(placed=None)
-        scene = self.relighter.scene
-        frame = Frame.around(scene.vertices, scene.faces)
-        return Held(frame, scene.diagonal, [self._read(each) for each in self.asked])
-
-    @cached_property
-    def _placed(self) -> list[NDArray[np.float64]]:
-        if self._given is not None and self._given.placed is not None:
-            return self._given.placed
-        scene, occluder, held = self.relighter.scene, self.relighter.occluder, self._held
-        objects = zip(self.asked, held.objects, strict=True)
-        return [placed_by(asked, each.joined("vertices"), scene, occluder, held.diagonal) for asked, each in objects]
+    def placed(self) -> list[NDArray[np.float64]]:
+        """Of each object, scene_from_object, (4, 4)."""
+        if self._placed is not None:
+            return self._placed
+        scene, occluder = self.relighter.scene, self.relighter.occluder
+        objects = zip(self.asked, self.objects, strict=True)
+        return [placed_by(asked, each.joined("vertices"), scene, occluder) for asked, each in objects]
 
     @cached_property
     def standing(self) -> Standing:
         """The objects at their positions."""
         with self.relighter.stages.stage("objects"):
-            return Standing.of(self._held.frame, self._held.objects, self._placed)
+            return Standing.of(self.relighter.occluder.frame, self.objects, self.placed)
 
     def under(
         self, around: Surroundings, received: NDArray[np.float32], check: Callable[[int], None] = lambda count: None
@@ -216,7 +206,7 @@ class InsertedLight:
         ratio[rows] = np.exp(shrunk)
         return ratio
 
-    def splat_put_in(self, number: int, exposure: float) -> "Splats | None":
+    def splat_put_in(self, number: int, exposure: float) -> Splats | None:
         """One of the objects as lit splats in the frame of the place's splat; None for a mesh. exposure: units of the
         picture per unit of the radiance."""
         each, starts = self.standing.objects[number], self.standing.starts
@@ -226,8 +216,59 @@ class InsertedLight:
         light = self.light[starts[number] : starts[number + 1]] * np.float32(exposure)
         return each.splat.relit(light, back @ self.standing.placed[number])
 
-    def splats_put_in(self, exposure: float) -> "Splats | None":
+    def splats_put_in(self, exposure: float) -> Splats | None:
         """The splats among the objects together, as `splat_put_in` returns them; None without."""
         each = [self.splat_put_in(number, exposure) for number in range(len(self.standing.objects))]
         found = [splats for splats in each if splats is not None]
         return joined(found) if found else None
+
+
+def shadowed(light: InsertedLight, splats: Splats) -> Splats:
+    """The splats under the change of an InsertedLight. A splat that it does not reach keeps every bit."""
+    if not (light.ratio != 1.0).any():
+        return splats
+    with light.inserts.relighter.stages.stage("shadows on splats"):
+        return ShadowedSplats([light], splats).under(light)
+
+
+class ShadowedSplats:
+    """Splats bound to triangles that are finer where objects change the light in any of some poses.
+
+    poses: InsertedLight of each. splats: without the objects.
+    """
+
+    def __init__(self, poses: list[InsertedLight], splats: Splats) -> None:
+        scene, light = poses[0].inserts.relighter.scene, poses[len(poses) // 2]
+        self._splats = splats
+        radii = [radius for pose in poses for _, radius in pose.standing.spheres]
+        smallest = min(radii) * light.standing.frame.diagonal
+        changed = np.logical_or.reduce([(pose.ratio != 1.0).any(axis=1) for pose in poses])
+        most = MOST_FACES + len(scene.faces)
+        faces, self._rounds = refined(scene.vertices, scene.faces, smallest / FINENESS, most, changed)
+        vertices, normals = (carried(each, self._rounds) for each in (scene.vertices, scene.normals))
+        self._normals = unit(normals).astype(np.float32)
+        self._origins = carried(light.around.occluder.origins, self._rounds)
+        mesh = Mesh(vertices, self._normals, faces, carried(scene.colors_srgb, self._rounds))
+        finer = Scene([mesh], scene_from_splat=scene.scene_from_splat, capture=scene.capture)
+        self._binding = Binding(splats, finer, ())
+
+    def under(self, light: InsertedLight) -> Splats:
+        """The splats under the change of one of the poses, or a similar one. A splat that it does not reach keeps every
+        bit."""
+        ratio = self._ratio(light)
+        binding, ones, none = self._binding, np.ones_like(ratio), np.zeros(3)
+        relit = binding.relit(ones, ratio, usual=Usual(none, np.ones(3), none))
+        reached = np.flatnonzero(binding.lit)[(binding.spread(np.log(ratio)) != 0.0).any(axis=1)]
+        sh = self._splats.sh.copy()
+        sh[reached] = relit.sh[reached]
+        return replace(self._splats, sh=sh)
+
+    def _ratio(self, light: InsertedLight) -> NDArray[np.float32]:
+        """The ratio (V, 3) of light at the refined vertices. Rays are traced only where the light changes."""
+        rounds = self._rounds
+        received, later, change = (carried(each, rounds) for each in (light.received, light.later, light.direct))
+        rows = np.flatnonzero(carried((light.ratio != 1.0).any(axis=1).astype(np.float32), rounds) > 0.0)
+        at = Receiving(self._origins[rows], self._normals[rows])
+        how = Casting(RAYS, light.inserts.relighter.seed)
+        change[rows] = change_at(light.around, light.standing, light.radiance, how, at)
+        return light.compared(received, change + later)

@@ -1,4 +1,7 @@
-"""Inserted objects as arrays: triangles fine enough to carry light, albedo, and the pictures of their files."""
+"""Inserted objects as arrays: triangles fine enough to carry light, albedo, and the pictures of their files.
+
+Splats lose their captured light, and their mesh takes that of the place they are inserted into.
+"""
 
 import os
 from dataclasses import dataclass, field
@@ -17,14 +20,17 @@ from splat2mesh.scene.gltfmesh import Piece, placed_pieces
 from splat2mesh.scene.gltftextures import MappedTexture, Textures, base_color
 from splat2mesh.scene.mesh import Mesh, unit, vertex_normals
 from splat2mesh.scene.meshfile import read_mesh
+from splat2mesh.scene.scene import Scene
+from splat2mesh.splats.placing import placed
+from splat2mesh.splats.splats import Splats
 
 from ..albedo.division import DARKEST, LIGHTEST
+from ..splats import Binding
 from .asked import AskedInsert
-from .cutouts import Cut, Masked, carried_through, cut_out
-from .refine import refined
+from .refine import Cut, Masked, carried_through, cut_out, refined
 
 if TYPE_CHECKING:
-    from .splat_object import SplatObject
+    from ..engine.appearance import Appearance
 
 FINENESS = 48
 """Least number of edges along the diagonal of an object, since its vertices carry the light."""
@@ -67,6 +73,29 @@ class Part:
 
 
 @dataclass(frozen=True, eq=False)
+class SplatObject:
+    """N inserted Gaussians and the mesh that lights them.
+
+    binding: of the splats to their own scene. irradiance: (V, 3) captured irradiance of their mesh. rows:
+    (M,) of the inserted splats; far background is not among them. object_from_splat: (4, 4).
+    """
+
+    binding: Binding
+    irradiance: NDArray[np.float32]
+    rows: NDArray[np.int64]
+    object_from_splat: NDArray[np.float64]
+
+    def relit(
+        self,
+        light: NDArray[np.float32],  # (V, 3) irradiance over pi, in units of the picture
+        splat_from_object: NDArray[np.float64],  # (4, 4), the splat of the place
+    ) -> Splats:
+        """Return them under the light of the place, in the frame of its splat."""
+        splats = self.binding.relit(self.irradiance, light).take(self.rows)
+        return placed(splats, splat_from_object @ self.object_from_splat)
+
+
+@dataclass(frozen=True, eq=False)
 class InsertedObject:
     """An object in its own frame and unit, parts end to end. document: of its glTF file, None for others. splat: the
     SplatObject that it is, or None."""
@@ -74,7 +103,7 @@ class InsertedObject:
     name: str
     parts: list[Part]
     document: GltfData | None = None
-    splat: "SplatObject | None" = None
+    splat: SplatObject | None = None
 
     def joined(self, name: str) -> NDArray:
         """An attribute of all parts: `vertices`, `normals`, `albedo` or `emission`."""
@@ -105,6 +134,21 @@ def read_object(asked: AskedInsert) -> InsertedObject:
     if not any(len(part.faces) for part in parts):
         raise InputError(f"{source}: its alpha masks leave nothing of it; export it opaque")
     return InsertedObject(asked.name, parts, data)
+
+
+def splat_object(name: str, scene: Scene, binding: Binding, count: int, look: "Appearance") -> InsertedObject:
+    """Return an object of `count` splats and their own Scene. Its frame is upright and has their origin."""
+    matrix = np.asarray(scene.scene_from_splat, np.float64)
+    scale = float(np.cbrt(abs(np.linalg.det(matrix[:3, :3])))) or 1.0
+    vertices = ((scene.vertices.astype(np.float64) - matrix[:3, 3]) / scale).astype(np.float32)
+    albedo = np.ones_like(look.captured) if look.albedo is None else look.albedo
+    albedo = np.maximum(albedo, np.float32(DARKEST))
+    color = np.concatenate([albedo, np.ones((len(albedo), 1), np.float32)], axis=1)
+    part = Part(vertices, scene.normals, scene.faces, color, None, albedo, np.zeros_like(albedo))
+    object_from_splat = np.eye(4)
+    object_from_splat[:3, :3] = matrix[:3, :3] / scale
+    rows = np.delete(np.arange(count), scene.background_splats)
+    return InsertedObject(name, [part], splat=SplatObject(binding, look.irradiance, rows, object_from_splat))
 
 
 class _Raw:

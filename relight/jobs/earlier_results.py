@@ -24,7 +24,7 @@ from splat2mesh.scene.folder import sha256_of
 from splat2mesh.scene.foreign import as_scene
 
 from ..insert.asked import asked_inserts
-from ..lamps.placing import asked_lamps, in_brief
+from ..lamps.spec import asked_lamps, in_brief
 from ..light.captured_light import light_file
 from ..light.environment import Environment
 from ..light.skies import BUILTIN

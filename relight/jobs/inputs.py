@@ -19,7 +19,7 @@ from splat2mesh.splats.splats import Splats
 
 from ..insert.asked import AskedInsert, asked_inserts
 from ..lamps.asked import AskedLamp
-from ..lamps.placing import asked_lamps
+from ..lamps.spec import asked_lamps
 from ..light import ANEW
 from ..light.environment import Environment
 from ..light.loading import light_of

@@ -25,8 +25,7 @@ from ..engine.tint import color_where_white, retinted
 from ..gloss import SceneGloss
 from ..insert.asked import AskedInsert
 from ..insert.inserts import Inserts
-from ..insert.objects import read_object
-from ..insert.splat_insert import splat_object
+from ..insert.objects import read_object, splat_object
 from ..light import CAPTURED
 from ..light.environment import Environment
 from ..light.loading import light_of
@@ -275,9 +274,10 @@ class KnownScene:
     @cached_property
     def inserts(self) -> Inserts | None:
         """The inserted objects at their positions, or None."""
-        if not self.inputs.asked_inserts:
+        asked = self.inputs.asked_inserts
+        if not asked:
             return None
-        return Inserts(self.inputs.asked_inserts, self.relighter, lambda: self.appearance, self._object_of)
+        return Inserts(asked, self.relighter, lambda: self.appearance, lambda: list(map(self._object_of, asked)))
 
     def _object_of(self, asked: AskedInsert) -> "InsertedObject":
         """A requested object. A splat is meshed first, like a scene, and its captured light is removed."""

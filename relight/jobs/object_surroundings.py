@@ -15,9 +15,8 @@ from ..engine.relighter import Shaded
 from ..insert.probe import LightAround
 from ..insert.surroundings import Sky, surroundings_of
 from ..lamps.photometry import times
-from ..light.captured import CapturedLight
 from ..light.environment import Environment
-from ..light.loading import light_of
+from ..light.loading import CapturedLight, light_of
 
 if TYPE_CHECKING:
     from ..insert.surroundings import Surroundings

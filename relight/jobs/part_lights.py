@@ -10,9 +10,9 @@ from splat2mesh.base.errors import InputError
 
 from ..engine.appearance import Appearance
 from ..engine.relighter import Shaded
-from ..lamps.color import WHITE
-from ..light.captured import CapturedLight
+from ..lamps.asked import WHITE
 from ..light.environment import Environment
+from ..light.loading import CapturedLight
 from ..live.parts import LivePart
 from ..output.subject import PartInLight
 from ..splats.kept_parts import kept_parts

@@ -23,8 +23,7 @@ from splat2mesh.base.version import VERSION
 from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.splats import Splats
 
-from ..animation.acting import Acting
-from ..animation.film import FILM, FilmRequest, Frames, Shot, animate, film_objects, frame_times
+from ..animation.film import FILM, Acting, FilmRequest, Frames, Shot, animate, film_objects, frame_times
 from ..engine.relighter import Shaded
 from ..insert.asked import described
 from ..light.loading import light_of

@@ -5,8 +5,8 @@ holds all lamps, and a sign of ten thousand faces is handled like a street of te
 """
 
 import math
-from collections.abc import Iterable, Sequence
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from splat2mesh.scene.color import luminance
 
 from ..transfer.occluder import MAX_OFFSET
-from .shapes import Lamp, MeshLamp, ProfileLamp, RectangleLamp, SphereLamp, SpotLamp, TubeLamp
+from .shapes import Lamp, ProfileLamp, RectangleLamp, SphereLamp, SpotLamp, TubeLamp
 
 BALL, TRIANGLE, TUBE = 0, 1, 2
 
@@ -61,76 +61,67 @@ class Emitters(NamedTuple):
         return Emitters(**kept, profiles=self.profiles)
 
 
-class _Row(NamedTuple):
-    kind: int
-    place: ArrayLike
-    first: ArrayLike
-    second: ArrayLike
-    radius: float
-    color: ArrayLike
-    cone: tuple[float, float] = (math.pi, math.pi)
-    two_sided: bool = False
-
-
 def emitters_of(
     lamps: Sequence[Lamp],  # in the frame and the unit of length of the scene
     center: ArrayLike = (0.0, 0.0, 0.0),  # of the unit frame, `transfer.occluder.Frame`
     diagonal: float = 1.0,  # of the same
 ) -> Emitters:
     """Return the Emitters of lamps."""
-    rows: list[_Row] = []
-    owner: list[int] = []
+    rows: list[dict[str, Any]] = []
     tables: list[NDArray[np.float64]] = []
-    table_of: list[int] = []
     for number, lamp in enumerate(lamps):
         table = NO_PROFILE
         if isinstance(lamp, ProfileLamp):
             table = len(tables)
             tables.append(_resampled(lamp))
-        for row in _rows(lamp, np.asarray(center, np.float64), diagonal):
-            rows.append(row)
-            owner.append(number)
-            table_of.append(table)
-    return _packed(rows, owner, table_of, tables)
+        rows += [_USUAL | row | {"lamp": number, "profile": table} for row in _rows(lamp, np.asarray(center), diagonal)]
+    return _packed(rows, tables)
 
 
-def _rows(lamp: Lamp, center: NDArray[np.float64], diagonal: float) -> Iterable[_Row]:
+_USUAL = {
+    "first": (0.0, 0.0, 0.0),
+    "second": (0.0, 0.0, 0.0),
+    "radius": 0.0,
+    "cone": (math.pi, math.pi),
+    "two_sided": False,
+}
+
+
+def _rows(lamp: Lamp, center: NDArray[np.float64], diagonal: float) -> list[dict[str, Any]]:
+    """Columns of the Emitters of a lamp, but for those of _USUAL."""
+
     def placed(point: ArrayLike) -> NDArray[np.float64]:
         return (np.asarray(point, np.float64) - center) / diagonal
 
-    zeros = np.zeros(3)
     if isinstance(lamp, (SphereLamp, SpotLamp, ProfileLamp)):
         radius = max(lamp.radius / diagonal, MAX_OFFSET)
-        given = lamp.radiance if isinstance(lamp, SphereLamp) else None
+        given: ArrayLike | None = lamp.radiance if isinstance(lamp, SphereLamp) else None
         if given is None:  # one ball of that intensity, whatever its radius
-            intensity = np.asarray(lamp.intensity, np.float64)
-            radiance = intensity / (math.pi * (radius * diagonal) ** 2)
-        else:
-            radiance = np.asarray(given, np.float64)
+            given = np.asarray(lamp.intensity, np.float64) / (math.pi * (radius * diagonal) ** 2)
+        row = {"kind": BALL, "place": placed(lamp.position), "radius": radius, "color": given}
         if isinstance(lamp, SphereLamp):
-            return [_Row(BALL, placed(lamp.position), zeros, zeros, radius, radiance)]
+            return [row]
         axis = np.subtract(lamp.target, lamp.position)
         axis = axis / np.linalg.norm(axis)
-        if isinstance(lamp, SpotLamp):
-            cone = math.radians(lamp.beam_deg or 0.0), math.radians(lamp.cutoff_deg)
-            return [_Row(BALL, placed(lamp.position), axis, zeros, radius, radiance, cone)]
-        return [_Row(BALL, placed(lamp.position), axis, _horizontal(axis, lamp.turn_deg), radius, radiance)]
+        if isinstance(lamp, ProfileLamp):
+            return [{**row, "first": axis, "second": _horizontal(axis, lamp.turn_deg)}]
+        return [{**row, "first": axis, "cone": np.radians([lamp.beam_deg or 0.0, lamp.cutoff_deg])}]
     if isinstance(lamp, TubeLamp):
         along = np.subtract(lamp.end, lamp.start) / diagonal
-        return [_Row(TUBE, placed(lamp.start), along, zeros, lamp.radius / diagonal, lamp.radiance)]
+        tube = {"kind": TUBE, "place": placed(lamp.start), "first": along, "radius": lamp.radius / diagonal}
+        return [{**tube, "color": lamp.radiance}]
     if isinstance(lamp, RectangleLamp):
-        u, v = np.asarray(lamp.edge_u) / diagonal, np.asarray(lamp.edge_v) / diagonal
-        corner = placed(lamp.center) - (u + v) / 2.0
-        halves = (corner, u, v), (corner + u + v, -u, -v)
-        return [_Row(TRIANGLE, *half, 0.0, lamp.radiance, two_sided=lamp.two_sided) for half in halves]
-    assert isinstance(lamp, MeshLamp)
-    a, b, c = (placed(lamp.vertices[lamp.faces[:, corner]]) for corner in range(3))
-    sized = np.linalg.norm(np.cross(b - a, c - a), axis=1) > 0.0
+        u, v = np.asarray(lamp.edge_u), np.asarray(lamp.edge_v)
+        corner = np.asarray(lamp.center) - (u + v) / 2.0
+        points, corners = np.stack([corner, corner + u, corner + u + v, corner + v]), np.array([[0, 1, 3], [2, 3, 1]])
+    else:
+        points, corners = lamp.vertices, lamp.faces
+    a, b, c = np.moveaxis(placed(points)[corners], 1, 0)
     colors = np.broadcast_to(lamp.radiance, (len(a), 3))
-    return [
-        _Row(TRIANGLE, a[i], b[i] - a[i], c[i] - a[i], 0.0, colors[i], two_sided=lamp.two_sided)
-        for i in np.flatnonzero(sized & (colors.max(axis=1) > 0.0))
-    ]
+    shines = (np.linalg.norm(np.cross(b - a, c - a), axis=1) > 0.0) & (colors.max(axis=1) > 0.0)
+    names, two_sided = ("place", "first", "second", "color"), lamp.two_sided
+    rows = zip(a[shines], (b - a)[shines], (c - a)[shines], colors[shines], strict=True)
+    return [{"kind": TRIANGLE, "two_sided": two_sided, **dict(zip(names, row, strict=True))} for row in rows]
 
 
 def _horizontal(axis: NDArray[np.float64], turn_deg: float) -> NDArray[np.float64]:
@@ -153,16 +144,13 @@ def _resampled(lamp: ProfileLamp) -> NDArray[np.float64]:
     return np.stack([np.interp(horizontal, known, row, period=360.0) for row in table])
 
 
-def _packed(rows: list[_Row], owner: list[int], table_of: list[int], tables: list[NDArray[np.float64]]) -> Emitters:
-    count = len(rows)
-
-    def column(name: str, width: int | None = None) -> NDArray[np.float64]:
-        shape = (count,) if width is None else (count, width)
-        return np.array([getattr(row, name) for row in rows], np.float64).reshape(shape)
-
-    kind = column("kind").astype(np.int8)
-    place, first, second = column("place", 3), column("first", 3), column("second", 3)
-    radius, color = column("radius"), column("color", 3)
+def _packed(rows: list[dict[str, Any]], tables: list[NDArray[np.float64]]) -> Emitters:
+    widths = {"place": (3,), "first": (3,), "second": (3,), "color": (3,), "cone": (2,)}
+    names = (*_USUAL, "kind", "place", "color", "lamp", "profile")
+    column = {
+        name: np.array([row[name] for row in rows], np.float64).reshape(-1, *widths.get(name, ())) for name in names
+    }
+    kind, place, first, second, radius = (column[each] for each in ("kind", "place", "first", "second", "radius"))
     middle, reach, flux = place.copy(), radius.copy(), math.pi * radius**2
     triangle, tube = kind == TRIANGLE, kind == TUBE
     middle[triangle] += (first[triangle] + second[triangle]) / 3.0
@@ -174,29 +162,12 @@ def _packed(rows: list[_Row], owner: list[int], table_of: list[int], tables: lis
     middle[tube] += first[tube] / 2.0
     reach[tube] += length[tube] / 2.0
     flux[tube] = 2.0 * radius[tube] * length[tube]
-    brightest = np.ones(count)
+    brightest = np.ones(len(rows))
     for number, table in enumerate(tables):
-        brightest[np.array(table_of) == number] = table.max()
-    peak = luminance(color) * brightest
+        brightest[column["profile"] == number] = table.max()
+    peak = luminance(column["color"]) * brightest
+    column |= {"middle": middle, "reach": reach, "power": peak * flux / math.pi, "peak": peak}
+    types = {"kind": np.int8, "lamp": np.int32, "profile": np.int32, "two_sided": np.bool_}
+    packed: dict[str, Any] = {name: each.astype(types.get(name, np.float32)) for name, each in column.items()}
     profiles = np.stack(tables) if tables else np.zeros((0, 1, 1))
-
-    def single(array: NDArray[np.float64]) -> NDArray[np.float32]:
-        return np.ascontiguousarray(array, np.float32)
-
-    return Emitters(
-        kind=kind,
-        place=single(place),
-        first=single(first),
-        second=single(second),
-        radius=single(radius),
-        color=single(color),
-        cone=single(column("cone", 2)),
-        profile=np.array(table_of, np.int32).reshape(count),
-        two_sided=column("two_sided").astype(bool),
-        lamp=np.array(owner, np.int32).reshape(count),
-        middle=single(middle),
-        reach=single(reach),
-        power=single(peak * flux / math.pi),
-        peak=single(peak),
-        profiles=single(profiles),
-    )
+    return Emitters(**packed, profiles=profiles.astype(np.float32))

@@ -5,16 +5,18 @@ shows as white, as the capture was exposed. Imports nothing heavy.
 """
 
 import math
+import sys
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from splat2mesh.base.arrays import Triple
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.specs import vector
+from splat2mesh.views.poses import SLACK
 
 from ..light import MOST_RADIANCE
 
@@ -29,8 +31,12 @@ class _Shape:
                 _keep(self, each.name, vector(each.name, value))
             elif each.name == "radius":
                 _keep(self, each.name, checked_size(each.name, value, least=0.0))
+            elif each.name == "turn_deg":
+                _keep(self, each.name, checked_size(each.name, value, least=-math.inf))
             elif each.name in ("radiance", "intensity") and value is not None:
                 _keep(self, each.name, checked_light(each.name, value))
+            elif each.name in ("vertical_deg", "horizontal_deg", "table"):
+                _keep(self, each.name, np.asarray(value, float))
         if hasattr(self, "target") and self.position == self.target:  # type: ignore[attr-defined]
             raise InputError("`target`: it lies at the position of its lamp, so the light has no direction")
 
@@ -176,20 +182,53 @@ class ProfileLamp(_Shape):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        vertical, horizontal = np.asarray(self.vertical_deg, float), np.asarray(self.horizontal_deg, float)
-        table = np.asarray(self.table, float)
+        vertical, horizontal, table = self.vertical_deg, self.horizontal_deg, self.table
+        if not (
+            vertical.ndim == horizontal.ndim == 1 and (np.diff(vertical) > 0).all() and (np.diff(horizontal) > 0).all()
+        ):
+            raise InputError("`vertical_deg`, `horizontal_deg`: expected lists of rising angles")
         if table.shape != (len(vertical), len(horizontal)) or not (np.isfinite(table).all() and (table >= 0).all()):
             raise InputError("`table`: expected one number from 0 for each pair of angles")
-        if not ((np.diff(vertical) > 0).all() and (np.diff(horizontal) > 0).all()):
-            raise InputError("`vertical_deg`, `horizontal_deg`: expected rising angles")
-        for name, value in (("vertical_deg", vertical), ("horizontal_deg", horizontal), ("table", table)):
-            _keep(self, name, value)
 
 
 PLACES, WAYS = ("position", "target", "center", "start", "end"), ("edge_u", "edge_v")
 """Fields of lamps that are positions, and those that lead from one to another."""
 
 Lamp: TypeAlias = SphereLamp | SpotLamp | RectangleLamp | TubeLamp | MeshLamp | ProfileLamp
+
+
+def moved(lamp: Lamp, matrix: ArrayLike) -> Lamp:
+    """Return a lamp that is as bright as before, seen from places that move along.
+
+    matrix: (4, 4), a turn, a scale and a shift. Intensities grow with the square of the scale, radiance does not.
+    Raises InputError for a matrix that stretches one axis more than another.
+    """
+    motion = np.asarray(matrix, np.float64)
+    lengths = np.linalg.norm(motion[:3, :3], axis=0)
+    scale = float(np.cbrt(np.prod(lengths)))
+    if not (scale > 0.0 and np.abs(lengths / scale - 1.0).max() < SLACK):
+        raise InputError("lamps cannot follow a motion that scales the axes differently")
+
+    changes: dict[str, Any] = {}
+    for name, value in ((each.name, getattr(lamp, each.name)) for each in fields(lamp)):
+        if name in PLACES + WAYS:
+            changes[name] = motion[:3, :3] @ np.asarray(value) + (motion[:3, 3] if name in PLACES else 0.0)
+        elif name == "radius":
+            changes[name] = scale * value
+        elif name == "intensity" and value is not None:
+            changes[name] = scale**2 * np.asarray(value)
+    if isinstance(lamp, MeshLamp):
+        changes["vertices"] = lamp.vertices @ motion[:3, :3].T + motion[:3, 3]
+        if math.copysign(1.0, float(np.linalg.det(motion[:3, :3]))) < 0.0:
+            changes["faces"] = lamp.faces[:, ::-1]
+    return replace(lamp, **changes)
+
+
+def shifted(lamp: Lamp, by: Triple) -> Lamp:
+    """Return a lamp moved by a vector, in its own unit of length. Raises InputError for one that is not finite."""
+    motion = np.eye(4)
+    motion[:3, 3] = vector("at", by)
+    return moved(lamp, motion)
 
 
 def checked_light(name: str, value: Sequence[float] | None) -> Triple:
@@ -200,14 +239,16 @@ def checked_light(name: str, value: Sequence[float] | None) -> Triple:
     return red, green, blue
 
 
-def checked_size(name: str, value: float, least: float | None = None) -> float:
-    """A finite number above 0, or from `least`. Raises InputError that names the field."""
+def checked_size(name: str, value: float, least: float | None = None, most: float = sys.float_info.max) -> float:
+    """A finite number above 0, or from `least`, up to `most`. Raises InputError that names the field."""
     try:
         size = float(value)
     except (TypeError, ValueError):
         size = math.nan
-    if not (math.isfinite(size) and (size > 0.0 if least is None else size >= least)):
-        expected = "a number above 0" if least is None else f"a number from {least:g}"
+    if not (math.isfinite(size) and size <= most and (size > 0.0 if least is None else size >= least)):
+        expected = (
+            "a number above 0" if least is None else f"a number from {least:g}" if least > -math.inf else "a number"
+        )
         raise InputError(f"`{name}` {value}: expected {expected}")
     return size
 

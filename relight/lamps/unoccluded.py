@@ -52,16 +52,11 @@ def triangle(
     """A triangle that shines to both sides, as a vertex sees it above its horizon."""
     corner = np.empty((3, 3))
     height = np.empty(3)
+    corner[0, 0], corner[0, 1], corner[0, 2] = place[0] - px, place[1] - py, place[2] - pz
+    for axis in range(3):
+        corner[1, axis] = corner[0, axis] + first[axis]
+        corner[2, axis] = corner[0, axis] + second[axis]
     for i in range(3):
-        for axis in range(3):
-            corner[i, axis] = np.float64(place[axis])
-            if i == 1:
-                corner[i, axis] += first[axis]
-            elif i == 2:
-                corner[i, axis] += second[axis]
-        corner[i, 0] -= px
-        corner[i, 1] -= py
-        corner[i, 2] -= pz
         height[i] = corner[i, 0] * nx + corner[i, 1] * ny + corner[i, 2] * nz
     kept = np.empty((4, 3))
     count = 0

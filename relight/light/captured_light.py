@@ -82,6 +82,11 @@ class CapturedLights:
     candidates: tuple[LikelyLight, ...] = ()
     chosen: LikelyLight | None = None
 
+    @property
+    def listed(self) -> list[LikelyLight]:
+        """All of them."""
+        return [*self.candidates, *([self.chosen] if self.chosen else [])]
+
 
 def read_lights(path: str | os.PathLike[str]) -> CapturedLights:
     """Read a `captured_light.json`. Raises InputError for what is missing, damaged or of a newer version."""
@@ -99,43 +104,37 @@ def read_lights(path: str | os.PathLike[str]) -> CapturedLights:
 def write_lights(folder: str | os.PathLike[str], lights: CapturedLights) -> Path:
     """Write `captured_light.json` into a folder, under a temporary name first; returns its path.
 
+    Environments of `offer` that nothing refers to any more are removed.
+
     Raises InputError for entries that cannot be read back, whose environment is not there, and for a folder that cannot
     be written.
     """
     path = Path(folder) / NAME
-    listed = [*lights.candidates, *([lights.chosen] if lights.chosen else [])]
-    for each in listed:
+    for each in lights.listed:
         _entry(asdict(each), f"{path}: {each.name}")
         if not inside(folder, each.environment, path).is_file():
             raise InputError(f"{path}: {each.name}: no file {each.environment} beside it")
     chosen = None if lights.chosen is None else _written(lights.chosen)
     content = {"schema_version": SCHEMA_VERSION, "chosen": chosen, "candidates": list(map(_written, lights.candidates))}
-    text = json.dumps(content, indent=1)
     try:
         with staged_file(path) as partial:
-            partial.write_text(text + "\n", "utf-8")
+            partial.write_text(json.dumps(content, indent=1) + "\n", "utf-8")
     except OSError as error:
         raise InputError(f"cannot write {path}: {error.strerror or error}") from None
+    kept = {each.environment for each in lights.listed}
+    for file in Path(folder).glob(_ENVIRONMENTS.format("*")):
+        if file.name not in kept:
+            file.unlink(missing_ok=True)
     return path
-
-
-def choose(folder: str | os.PathLike[str], entry: LikelyLight | None) -> Path:
-    """Have commands use a light of a scene folder from now on, or with None none; returns the path of the JSON.
-
-    The candidates stay. Raises InputError for a damaged file and an entry whose environment is not in the folder.
-    """
-    return write_lights(folder, replace(_lights_of(folder), chosen=entry))
 
 
 def offer(folder: str | os.PathLike[str], lights: Sequence[tuple[LikelyLight, "Environment"]]) -> CapturedLights:
     """Write the likeliest lights with their environments into a scene folder. A choice made before stays.
 
-    The entries get the names of the files written. Environments that nothing refers to any more are removed. Raises
-    InputError for a folder that cannot be written.
+    The entries get the names of the files written. Raises InputError for a folder that cannot be written.
     """
     found = CapturedLights(tuple(_with_file(folder, *each) for each in lights), _lights_of(folder).chosen)
     write_lights(folder, found)
-    _remove_others(folder, found)
     return found
 
 
@@ -149,7 +148,6 @@ def choose_new(folder: str | os.PathLike[str], entry: LikelyLight, environment: 
     chosen = _with_file(folder, entry, environment)
     found = replace(_lights_of(folder), chosen=chosen)
     write_lights(folder, found)
-    _remove_others(folder, found)
     return chosen
 
 
@@ -175,14 +173,6 @@ def _with_file(folder: str | os.PathLike[str], entry: LikelyLight, environment: 
     return replace(entry, environment=file.name)
 
 
-def _remove_others(folder: str | os.PathLike[str], lights: CapturedLights) -> None:
-    """Remove environments that no entry names."""
-    kept = {each.environment for each in (*lights.candidates, *([lights.chosen] if lights.chosen else []))}
-    for file in Path(folder).glob(_ENVIRONMENTS.format("*")):
-        if file.name not in kept:
-            file.unlink(missing_ok=True)
-
-
 def known_light(choice: Any, folder: str | os.PathLike[str] | None) -> "Environment | None":
     """Return the captured light that a request names, or else the one chosen in the folder of its scene; None where it
     is to be estimated.
@@ -205,14 +195,8 @@ def light_file(choice: Any, folder: str | os.PathLike[str] | None) -> LightFile 
     """Return the file of the environment that `known_light` reads; None without one."""
     if choice == ANEW:
         return None
-    own = None if folder is None or not Path(folder).is_dir() else Path(folder) / NAME
-    if choice is None:
-        return None if own is None or not own.exists() else _chosen_in(own)
-    if isinstance(choice, int):
-        if own is None or not own.exists():
-            where = f"{folder or 'a scene in memory'} holds no {NAME}"
-            raise InputError(f"`captured_light` {choice}: {where}, which an estimate of its light writes")
-        return _candidate_in(own, choice)
+    if choice is None or isinstance(choice, int):
+        return _numbered(choice, folder)
     path = Path(choice)
     if not os.path.lexists(path):
         raise InputError(f"`captured_light` {path}: no such file; expected {NAME}, an environment, a number, or {ANEW}")
@@ -225,21 +209,22 @@ def light_file(choice: Any, folder: str | os.PathLike[str] | None) -> LightFile 
     return _file_of(entry, path)
 
 
-def _chosen_in(path: Path) -> LightFile | None:
-    """The file of the chosen light, or None."""
+def _numbered(number: int | None, folder: str | os.PathLike[str] | None) -> LightFile | None:
+    """The file of a candidate in a folder, counted from 1; without a number that of the chosen light, or None."""
+    path = Path(folder or "") / NAME
+    if folder is None or not path.exists():
+        if number is None:
+            return None
+        where = f"{folder or 'a scene in memory'} holds no {NAME}"
+        raise InputError(f"`captured_light` {number}: {where}, which an estimate of its light writes")
     try:
-        chosen = read_lights(path).chosen
+        lights = read_lights(path)
     except InputError as error:
         raise InputError(f"{error}; or ignore it with `captured_light` {ANEW}") from None
-    return None if chosen is None else _file_of(chosen, path)
-
-
-def _candidate_in(path: Path, number: int) -> LightFile:
-    """The file of a candidate, counted from 1."""
-    candidates = read_lights(path).candidates
-    if number > len(candidates):
-        raise InputError(f"`captured_light` {number}: {path} holds {len(candidates)} candidates")
-    return _file_of(candidates[number - 1], path)
+    if number is not None and number > len(lights.candidates):
+        raise InputError(f"`captured_light` {number}: {path} holds {len(lights.candidates)} candidates")
+    entry = lights.chosen if number is None else lights.candidates[number - 1]
+    return None if entry is None else _file_of(entry, path)
 
 
 def _file_of(entry: LikelyLight, path: Path) -> LightFile:

@@ -1,24 +1,25 @@
-"""Distant light all around the scene: an HDR image in, radiance by direction and spherical harmonics out."""
+"""Distant light all around the scene: an HDR image in, radiance by direction and spherical harmonics out; and suns."""
 
 import copy
 import math
 import os
 import warnings
 from collections.abc import Callable, Hashable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from splat2mesh.base.arrays import Coefficients, Directions, Floats, Mask, Radiance
+from splat2mesh.base.arrays import Coefficients, Directions, Floats, Radiance
 from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.base.inputs import reading
+from splat2mesh.base.specs import vector
 from splat2mesh.scene.color import luminance
 
-from ..sh import latlong, rotors
+from ..sh import harmonics, latlong, rotors
 from . import MOST_RADIANCE, projections, skies
-from .axes import check_axis
 from .environment_files import read_light
 
 _ANGLE_DIGITS = 9  # 1e-9 degrees: drops the rounding error of the reduction modulo 360
@@ -27,6 +28,37 @@ _ANGLE_DIGITS = 9  # 1e-9 degrees: drops the rounding error of the reduction mod
 def turned_about_y(coefficients: Coefficients, angle_deg: float) -> NDArray[np.float64]:
     """Radiance coefficients (K, 3) float64 turned by an active rotation about +y: +z goes towards +x."""
     return rotors.rotate(coefficients, rotors.from_axis_angle([0.0, 1.0, 0.0], math.radians(angle_deg)))
+
+
+@dataclass(frozen=True, eq=False)
+class Suns:
+    """Light from S single directions, in a fixed order.
+
+    directions: (S, 3) float64 unit vectors toward the light, scene frame.
+    weights: (S, 3) float64 linear, radiance times solid angle: the irradiance of a surface that faces the sun.
+    """
+
+    directions: NDArray[np.float64]
+    weights: NDArray[np.float64]
+
+    @classmethod
+    def none(cls) -> "Suns":
+        """No sun at all."""
+        return cls(np.zeros((0, 3)), np.zeros((0, 3)))
+
+    def __len__(self) -> int:
+        return len(self.directions)
+
+    def rotated(self, angle_deg: float) -> "Suns":
+        """Return these suns turned by an active rotation about +y, as `Environment.rotated` turns."""
+        angle = math.radians(angle_deg)
+        cos, sin = math.cos(angle), math.sin(angle)
+        turn = np.array([[cos, 0.0, sin], [0.0, 1.0, 0.0], [-sin, 0.0, cos]])
+        return Suns(self.directions @ turn.T, self.weights)
+
+    def sh(self, bands: int) -> NDArray[np.float64]:
+        """Radiance coefficients (B^2, 3) float64 of the suns as points."""
+        return harmonics.evaluate(self.directions, bands).T @ self.weights
 
 
 class Environment:
@@ -38,9 +70,8 @@ class Environment:
     formula: name of the built-in sky that it is, which pictures show in any detail; None for others.
     turned: axis and angle_deg of a turn about another axis that the image has; None without.
     exposed: whether it is in the unit of a capture's colours, which need no exposure to be found.
-    repaired: dict of defect -> number of pixels that had it. "NaN": now the mean of the valid values around
-        it (0 without any); "infinite": the largest finite value of its channel; "negative": 0;
-        "above 1e+12": that.
+    repaired: dict of defect -> number of pixels that had it. "NaN", "negative": now 0;
+        "infinite": the largest finite value of its channel; "above 1e+12": that.
     """
 
     def __init__(self, radiance: Radiance, name: str = "environment", rotation_deg: float = 0.0) -> None:
@@ -113,7 +144,9 @@ class Environment:
         About the vertical it is as `rotated` gives it, about another axis with an image of its own. Raises InputError
         for an axis of length 0, and for what is not finite.
         """
-        x, y, z = check_axis(axis)
+        x, y, z = vector("axis", axis)
+        if x == y == z == 0.0:
+            raise InputError("`axis` 0,0,0: expected an axis of some length")
         if x == z == 0.0:
             return self.rotated(math.copysign(angle_deg, angle_deg * y))
         angle_deg = _reduced(angle_deg)
@@ -186,11 +219,10 @@ def _repaired(image: ArrayLike, name: str) -> tuple[NDArray[np.float32], dict[st
         raise InputError(f"{name}: no pixel of the image is finite; write the file again")
     defects = {"NaN": np.isnan(image), "infinite": image == np.inf, "negative": image < 0.0}
     repaired = {defect: int(mask.any(axis=2).sum()) for defect, mask in defects.items() if mask.any()}
-    image[defects["negative"]] = 0.0
+    image[defects["negative"] | defects["NaN"]] = 0.0
     for channel in range(3):
         values = image[..., channel]
         values[defects["infinite"][..., channel]] = values[np.isfinite(values)].max(initial=0.0)
-    _fill_from_neighbors(image, defects["NaN"])
     bright = image > MOST_RADIANCE
     if bright.any():
         image[bright] = MOST_RADIANCE
@@ -198,17 +230,3 @@ def _repaired(image: ArrayLike, name: str) -> tuple[NDArray[np.float32], dict[st
     counts = ", ".join(f"{count} {defect}" for defect, count in repaired.items())
     warnings.warn(f"{name}: repaired invalid pixels: {counts}", DataWarning, stacklevel=3)
     return image, repaired
-
-
-def _fill_from_neighbors(image: NDArray[np.float32], missing: Mask) -> None:
-    """Give missing values, in place, the mean of the valid ones among the eight around them."""
-    height, width = image.shape[:2]
-    row, column, channel = np.nonzero(missing)
-    image[missing] = 0.0
-    total, count = np.zeros((2, len(row)))
-    for down in (-1, 0, 1):
-        for right in (-1, 0, 1):
-            neighbor = np.clip(row + down, 0, height - 1), (column + right) % width, channel
-            total += image[neighbor]
-            count += ~missing[neighbor]
-    image[missing] = total / np.maximum(count, 1)

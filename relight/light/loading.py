@@ -2,10 +2,18 @@
 
 import os
 
+import numpy as np
+
 from . import CAPTURED
-from .captured import CapturedLight
 from .daylight import DaylightRequest
 from .environment import Environment
+
+
+class CapturedLight(Environment):
+    """Light as it was captured: no environment at all, so that nothing of it can be looked up, turned or scaled."""
+
+    def __init__(self) -> None:
+        super().__init__(np.zeros((2, 4, 3), np.float32), CAPTURED)
 
 
 def light_of(source: Environment | DaylightRequest | str | os.PathLike[str]) -> Environment:

@@ -1,4 +1,4 @@
-"""Projections of environment images: canonical lat-long, and light probes resampled to it.
+"""Projections of environment images: canonical lat-long, light probes resampled to it, and images in fewer texels.
 
 Canonical lat-long (OpenEXR's definition): row 0 is +y, the centre looks at +z, +x is a quarter from the left.
 """
@@ -53,9 +53,7 @@ def latlong_from_angular(image: Radiance) -> NDArray[np.float32]:
     """
     size = image.shape[0]
 
-    def pixel(
-        x: NDArray[np.float64], y: NDArray[np.float64], z: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def pixel(x: Floats, y: Floats, z: Floats) -> tuple[Floats, Floats]:
         across = np.hypot(x, y)
         # Bilinear lookups that straddled the rim would mix in the black beyond it.
         radius = np.minimum(np.arctan2(across, -z) / np.pi, 1.0 - 3.0 / size)
@@ -72,9 +70,7 @@ def latlong_from_cross(image: Radiance) -> NDArray[np.float32]:
     """
     face = image.shape[1] // 3
 
-    def pixel(
-        x: NDArray[np.float64], y: NDArray[np.float64], z: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def pixel(x: Floats, y: Floats, z: Floats) -> tuple[Floats, Floats]:
         directions = np.stack([x, y, z])
         column, row = np.zeros((2, *x.shape))
         largest = np.abs(directions).max(axis=0)
@@ -100,9 +96,7 @@ def latlong_turned(image: Radiance, rotor: Floats, rotation_deg: float = 0.0) ->
     padded = np.pad(np.concatenate([ends[0], image, ends[1]]), ((0, 0), (1, 1), (0, 0)), mode="wrap")
     back = np.asarray(rotor) * [1.0, -1.0, -1.0, -1.0]
 
-    def pixel(
-        x: NDArray[np.float64], y: NDArray[np.float64], z: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def pixel(x: Floats, y: Floats, z: Floats) -> tuple[Floats, Floats]:
         # Harmonics of degree 1 are y, z and x, so they turn as directions do.
         turned = rotors.rotate(np.stack([np.zeros_like(x), y, z, x]).reshape(4, -1), back)
         _, y, z, x = turned.reshape(4, *x.shape)
@@ -115,11 +109,7 @@ def latlong_turned(image: Radiance, rotor: Floats, rotation_deg: float = 0.0) ->
 
 
 def _resample(
-    image: Radiance,
-    height: int,
-    pixel: Callable[
-        [NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]
-    ],
+    image: Radiance, height: int, pixel: Callable[[Floats, Floats, Floats], tuple[Floats, Floats]]
 ) -> NDArray[np.float32]:
     """Lat-long (height, 2 height, 3) float32: the mean of bilinear lookups over each texel, by solid angle.
 
@@ -180,3 +170,28 @@ def texel_parts(
     toward = np.stack([x, np.broadcast_to(np.sin(latitude), x.shape), z], axis=-1)
     area = np.broadcast_to(((edge[0] - edge[1]) * (2.0 * np.pi / (width * parts)))[:, :, None], x.shape)
     return toward.reshape(len(row), parts * parts, 3), area.reshape(len(row), parts * parts)
+
+
+def pooled(image: Radiance, grid: tuple[int, int]) -> NDArray[np.float64]:
+    """Return the mean radiance, (rows, columns, 3) float64, of a lat-long image (H, W, 3) in the cells of a grid."""
+    rows, columns = pooling(image.shape[:2], grid)
+    cells = [(columns @ (rows @ image[..., color]).T).T for color in range(3)]
+    return np.stack(cells, axis=-1).astype(np.float64)
+
+
+def pooling(shape: tuple[int, int], grid: tuple[int, int]) -> tuple[scipy.sparse.csr_array, scipy.sparse.csr_array]:
+    """Sparse (rows, H) and (columns, W): what shares of their solid angle the cells of a grid take from an image."""
+    rows = _overlap(grid[0], shape[0], lambda share: -np.cos(np.pi * share))
+    return rows, _overlap(grid[1], shape[1], lambda share: share)
+
+
+def _overlap(
+    cells: int, texels: int, measure: Callable[[NDArray[np.float64]], NDArray[np.float64]]
+) -> scipy.sparse.csr_array:
+    """Sparse (cells, texels): the share of each cell's extent, as `measure` maps 0..1, that a texel takes."""
+    edges = np.union1d(np.arange(cells + 1) / cells, np.arange(texels + 1) / texels)
+    middle, extent = 0.5 * (edges[1:] + edges[:-1]), np.diff(measure(edges))
+    cell = np.minimum((middle * cells).astype(int), cells - 1)
+    texel = np.minimum((middle * texels).astype(int), texels - 1)
+    whole = np.diff(measure(np.arange(cells + 1) / cells))
+    return scipy.sparse.csr_array((extent / whole[cell], (cell, texel)), (cells, texels))

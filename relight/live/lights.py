@@ -11,13 +11,11 @@ from splat2mesh.scene.color import luminance
 
 from ..albedo.by_hand import SkyAndSun
 from ..engine.by_hand import LightByHand, can_be_set
-from ..insert.arriving import OWN_SUN, clustered
+from ..insert.surroundings import OWN_SUN, clustered
 from ..light import CAPTURED, SUN_TOLERANCE
-from ..light.environment import Environment
-from ..light.pooling import pooled
-from ..light.projections import texel_directions
+from ..light.environment import Environment, Suns
+from ..light.projections import pooled, texel_directions
 from ..light.sun_split import GRID, split
-from ..light.suns import Suns
 from ..sh import harmonics
 from .response import BANDS, LAMPS, SPREAD_BANDS, Response, about_y, evaluate
 

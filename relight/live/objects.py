@@ -15,7 +15,7 @@ from splat2mesh.base.arrays import Faces, Indices
 from splat2mesh.splats.splats import SH_C0, Splats
 from splat2mesh.surface.decimate import decimate
 
-from ..insert.arriving import DIRECTIONS, light_at, shown_along
+from ..insert.surroundings import DIRECTIONS, light_at, shown_along
 from ..splats.light_ratio import CURVE_OFFSET
 
 if TYPE_CHECKING:

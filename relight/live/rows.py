@@ -13,7 +13,7 @@ from splat2mesh.base.threads import ROWS_AT_ONCE
 from splat2mesh.scene.color import luminance
 from splat2mesh.splats.splats import SH_C0, Splats
 
-from ..planning.sun_widths import QUARTERS
+from ..planning.effect_errors import QUARTERS
 from ..splats.binding import Binding
 from ..splats.light_ratio import CURVE_OFFSET, CURVE_POWER
 from ..splats.mirrored_places import Mix

@@ -11,7 +11,7 @@ from splat2mesh.base.errors import DataWarning
 from splat2mesh.splats.splats import Splats
 
 from ..engine.nine import nine_coefficients
-from ..light.captured import CapturedLight
+from ..light.loading import CapturedLight
 from ..splats import albedo_splats, normals_of, shown_as_sky, write_relit_ply
 from .kinds import FILES
 from .lamps_glb import ShownLight

@@ -7,8 +7,7 @@ import pygltflib as gltf
 
 from splat2mesh.scene.glb import Glb
 
-from ..lamps.export import khr_lights
-from ..lamps.gltf_lights import PUNCTUAL
+from ..lamps.gltf_lights import PUNCTUAL, khr_lights
 
 if TYPE_CHECKING:
     from ..lamps.shapes import Lamp

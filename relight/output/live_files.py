@@ -6,7 +6,7 @@ from splat2mesh.render.raycaster import RayCaster
 
 from ..engine.assumed_light import assumed_exposure
 from ..light import SUN_TOLERANCE
-from ..light.captured import CapturedLight
+from ..light.loading import CapturedLight
 from ..live.bundle import write_bundle
 from ..live.ground import ShadowedGround
 from ..live.lights import PortableLight, captured_alone, light_of, offered_lights

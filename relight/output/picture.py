@@ -14,7 +14,7 @@ from splat2mesh.scene.drawn import Drawn
 from splat2mesh.splats.splats import Splats
 from splat2mesh.views.standpoints import NEAR_DIAGONAL
 
-from ..insert.probe_grid import usual_box
+from ..insert.probe import usual_box
 from ..light.tonemap import compress_highlights
 from .backdrop import behind
 from .catcher import Catcher, GroundLight

@@ -10,8 +10,7 @@ from splat2mesh.base.arrays import Vector
 from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
 from splat2mesh.scene.measured import SKY_HEIGHT
 
-from ..insert.probe import ProbedScene, usual_place
-from ..insert.probe_grid import ProbeGrid
+from ..insert.probe import ProbedScene, ProbeGrid, usual_place
 from ..light.environment import Environment
 from ..light.tonemap import compress_highlights
 from ..sh import harmonics

@@ -13,7 +13,7 @@ from splat2mesh.base.outputs import staged_file
 from splat2mesh.base.strictjson import text_of
 from splat2mesh.scene.scene import Scene
 
-from ..insert.probe_grid import ProbeGrid, free, usual_box
+from ..insert.probe import ProbeGrid, free, usual_box
 from ..light.environment import Environment
 from ..sh import harmonics
 from ..transfer import FEW_BANDS

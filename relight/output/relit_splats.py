@@ -18,7 +18,7 @@ from splat2mesh.splats.splats import Splats
 
 from ..engine.assumed_light import assumed_change
 from ..gloss.scene_gloss import NewLight
-from ..insert.shadowed import shadowed
+from ..insert.inserts import shadowed
 from ..light.environment import Environment
 from ..splats import write_relit_ply
 from ..splats.binding import ROUNDS, Binding

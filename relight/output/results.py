@@ -16,7 +16,7 @@ from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.splats import Splats
 
-from ..insert.shadowed import ShadowedSplats
+from ..insert.inserts import ShadowedSplats
 from . import mesh_files
 from .around_files import AroundFiles
 from .clean_files import CleanFiles

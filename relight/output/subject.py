@@ -24,8 +24,7 @@ if TYPE_CHECKING:
     from ..engine.placed import LampLight
     from ..engine.relighter import Relighter, Shaded
     from ..gloss import SceneGloss
-    from ..insert.probe import LightAround
-    from ..insert.probe_grid import ProbeGrid
+    from ..insert.probe import LightAround, ProbeGrid
     from ..light.environment import Environment
     from ..splats.floor_mirror import FloorMirror
     from ..texture import Baked

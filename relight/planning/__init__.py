@@ -1,2 +1,2 @@
 """The effects that a scene and a light need, measured on a sample; only these are computed
-(`relight.planning.decide.planned`)."""
+(`relight.planning.planner.planned`)."""

@@ -7,6 +7,7 @@ one. So its plan never takes more time.
 import math
 import time
 from collections.abc import Callable, Iterator
+from functools import lru_cache
 from itertools import product
 from typing import NamedTuple
 
@@ -104,8 +105,7 @@ class Choice:
         there: Callable[[Settings], tuple[bool, bool]],
         until: float | None = None,
     ) -> None:
-        self._leaves, self._there = leaves, there
-        self._known_there: dict[Settings, tuple[bool, bool]] = {}
+        self._leaves, self._there = leaves, lru_cache(None)(there)
         self.measured, self._angles = measured, angles
         self._method, self._effects = options.fixed_method, options.fixed_effects
         self._bands, self._rays, self._until = options.bands, options.rays, until
@@ -132,19 +132,14 @@ class Choice:
 
     def contributions(self, settings: Settings) -> list[tuple[str, float | None, str]]:
         """[(effect, error without it, decision)] for the table and the report."""
-        measured, rows = self.measured, list[tuple[str, float | None, str]]()
-        rows.append((SHADOWS, measured.shadows, "traced" if settings.rays else "skipped"))
+        measured, count = self.measured, self.sun_count(settings)
+        rows: list[tuple[str, float | None, str]] = [
+            (SHADOWS, measured.shadows, "traced" if settings.rays else "skipped"),
+            (SUN, self._lost(settings, None), f"split into {count}" if settings.sun_tolerance else "skipped"),
+            ("bands", self._lost(settings, self._rest(settings)), f"{settings.bands} kept"),
+        ]
         if settings.rays:
-            plain = measured.truncation(settings.bands)
-            count = self.sun_count(settings)
-            rows.append((SUN, plain, f"split into {count}" if settings.sun_tolerance else "skipped"))
-            rows.append(("bands", self._truncation(settings), f"{settings.bands} kept"))
             rows.append(("rays", self._noise(settings), f"{settings.rays} traced"))
-        else:
-            plain, count = measured.open_truncation(settings.bands), self.sun_count(settings)
-            rows.append((SUN, plain, f"split into {count}" if settings.sun_tolerance else "skipped"))
-            left = measured.open_truncation(settings.bands, self._rest(settings))
-            rows.append(("bands", left, f"{settings.bands} kept"))
         if self._leaves is not None:
             leaves = (
                 f"{settings.volume} directions for {self._leaves.vertices:,} vertices, {self._leaves.seconds:.2f} s"
@@ -213,28 +208,23 @@ class Choice:
 
     def _is_there(self, settings: Settings) -> tuple[bool, bool]:
         """Whether transfer and bounces of the settings are there already: whatever the suns, and when bounces stop."""
-        settings = settings._replace(sun_tolerance=0.0, bounce_tolerance=0.0)
-        if settings not in self._known_there:
-            self._known_there[settings] = self._there(settings)
-        return self._known_there[settings]
+        return self._there(settings._replace(sun_tolerance=0.0, bounce_tolerance=0.0))
 
     def but_noise(self, settings: Settings) -> float:
         """Predicted error of the settings except for the noise of their rays."""
-        measured = self.measured
         parts = [*self.of_bounces(settings), 0.0 if self._leaves is None else self._leaves.lost]
-        if settings.rays:
-            parts.append(self._truncation(settings))
-        else:
-            open_truncation = measured.open_truncation(settings.bands, self._rest(settings))
-            parts += [measured.shadows, open_truncation]
-        return math.hypot(*parts, self._splits[settings.sun_tolerance].width)
+        parts += [] if settings.rays else [self.measured.shadows]
+        parts += [self._lost(settings, self._rest(settings)), self._splits[settings.sun_tolerance].width]
+        return math.hypot(*parts)
 
     def of_bounces(self, settings: Settings) -> tuple[float, float]:
         """Predicted errors of bounced light: of its rays, and of the bounces after the last."""
         return costs.bounce_error(settings.bounce_rays, float(self.measured.bounces[0])), settings.bounce_tolerance
 
-    def _truncation(self, settings: Settings) -> float:
-        return self.measured.truncation(settings.bands, self._rest(settings))
+    def _lost(self, settings: Settings, rest: Radiance | None) -> float:
+        """What the bands lose of a light beside the suns, or of all light, in their shadows or without any."""
+        of = self.measured.truncation if settings.rays else self.measured.open_truncation
+        return of(settings.bands, rest)
 
     def _noise(self, settings: Settings) -> float:
         deviation = costs.noise(settings.rays, settings.bands)

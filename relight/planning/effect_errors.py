@@ -10,16 +10,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from splat2mesh.base.arrays import Floats, Radiance
+from splat2mesh.base.arrays import Directions, Floats, Indices, Points, Radiance
 
-from ..light.environment import Environment
-from ..light.suns import Suns
+from ..light.environment import Environment, Suns
+from ..sh import harmonics
 from ..sh.harmonics import MAX_BANDS
-from . import cells
+from ..transfer import FEW_BANDS
+from ..transfer.facing import met_in_front
 from .costs import FOLLOWED
-from .paths import Bounced
-from .sample import SCAN_VERTICES, Sample
-from .sun_widths import width_error
+from .sample import SCAN_VERTICES, TURNS, Sample, basis, cells_of, turned
+
+PATHS = 24
+"""Random paths from each vertex that measure bounced light, without matrix or transfer. The product of two halves of
+them is the squared size of each bounce without bias from noise."""
 
 DARK = 1e-3
 """Errors are relative to at least this part of the light of unshadowed surfaces: darkness has no relative error."""
@@ -34,6 +37,15 @@ WIDE_PART = 16
 """One vertex in so many, but at most SCAN_VERTICES, show the error of suns as points, and that of bounced light. In a
 room that the sun enters through a window, 384 vertices gave .006 for .028."""
 
+RAYS = 4
+"""To each patch of light that shines as a point, all over it, in two halves whose product has no noise."""
+
+QUARTERS = TURNS // 2
+"""Rotations of the light, a quarter turn apart."""
+
+FEW = 16
+"""Suns that every vertex of the sample looks at in each rotation; the more there are, the fewer of them look."""
+
 
 class EffectErrors:
     """The contributions of effects to the light on a sample of a scene: the errors of leaving them out.
@@ -47,9 +59,9 @@ class EffectErrors:
         self.sample, self._albedo = sample, albedo
         self._tint: Floats | float = 1.0 if albedo is None else albedo[sample.rows][:, None, :]
         self._directions = len(sample.directions)
-        self._basis = cells.basis(self._directions)
+        self._basis = basis(self._directions)
         self._project = self._basis.T * (4.0 * np.pi / self._directions)
-        self._light = cells.turned(cells.cells_of(environment.radiance), self._directions)
+        self._light = turned(cells_of(environment.radiance), self._directions)
         self._full = self._through(sample.seen, self._light)
         self.seen_transfer = sample.seen.astype(np.float64) @ self._basis
         self._closer: Floats | None = None
@@ -133,7 +145,7 @@ class EffectErrors:
         if self._closer is not None:
             return False
         finer = self.sample.finer(CLOSER)
-        self._closer = finer.seen.astype(np.float64) @ cells.basis(len(finer.directions))
+        self._closer = finer.seen.astype(np.float64) @ basis(len(finer.directions))
         return True
 
     def coefficients(self, image: Radiance | None = None) -> NDArray[np.float64]:
@@ -159,7 +171,7 @@ class EffectErrors:
         """Radiance, coefficients, truncations, sensitivity: of all light, or of an image."""
         key = id(image)
         if key not in self._known:
-            light = self._light if image is None else cells.turned(cells.cells_of(image), self._directions)
+            light = self._light if image is None else turned(cells_of(image), self._directions)
             coefficients = np.tensordot(self._project, light, axes=(1, 0))
             errors = self._losses(self._through(self.sample.seen, light), self.seen_transfer, coefficients)
             self._known[key] = light, coefficients, errors, self._sensitivity(coefficients)
@@ -184,7 +196,7 @@ class EffectErrors:
 
     def _through(self, cosines: Floats, light: Floats) -> NDArray[np.float32]:
         """Exit radiance (S, TURNS, 3) of white vertices."""
-        return (cosines @ light.reshape(self._directions, -1).astype(np.float32)).reshape(-1, cells.TURNS, 3)
+        return (cosines @ light.reshape(self._directions, -1).astype(np.float32)).reshape(-1, TURNS, 3)
 
     def _norm(self, radiance: Floats) -> NDArray[np.float64]:
         """(TURNS,) norms of exit radiance (S, TURNS, 3) of white vertices, in the scene's colours."""
@@ -202,3 +214,109 @@ class EffectErrors:
             return self._norm(self._full)
         halves = [self._full + half.sum(axis=0) for half in self.bounced.halves]
         return self._halves_norm(np.stack(halves))
+
+
+class Bounced:
+    """Light that reaches the vertices of a sample from other surfaces, for TURNS rotations.
+
+    halves: (2, FOLLOWED, S, TURNS, 3), exit radiance of white vertices after 1.. bounces, by half of the paths.
+    """
+
+    def __init__(
+        self,
+        sample: Sample,
+        albedo: Radiance,  # (V, 3) linear
+        coefficients: Floats,  # (K, TURNS, 3) of the light, at least FEW_BANDS bands
+    ) -> None:
+        count, turns = len(sample.rows), coefficients.shape[1]
+        coefficients = coefficients[: FEW_BANDS**2].reshape(FEW_BANDS**2, -1)
+        random = np.random.default_rng(0)
+        self.halves = np.zeros((2, FOLLOWED, count, turns, 3))
+        occluder = sample.occluder
+        start = np.repeat(np.arange(count), PATHS)
+        half = np.tile(np.arange(PATHS) % 2, count)
+        position, normal = occluder.origins[sample.rows[start]], occluder.normals[sample.rows[start]]
+        weight = np.ones((len(start), 3)) / (PATHS / 2)
+        for depth in range(FOLLOWED + 1):
+            toward = _cosine(normal, random)
+            hits = occluder.first_hits(np.concatenate([position, toward], axis=1, dtype=np.float32))
+            _, face, uv, _ = hits
+            if depth:
+                free = face < 0
+                light = np.maximum(harmonics.evaluate(toward[free], FEW_BANDS) @ coefficients, 0.0).reshape(
+                    -1, turns, 3
+                )
+                at = half[free], np.full(free.sum(), depth - 1), start[free]
+                np.add.at(self.halves, at, light * weight[free][:, None])
+            met = np.flatnonzero(met_in_front(occluder, hits, toward))
+            corners = occluder.faces[face[met]].astype(np.int64)
+            shares = np.stack([1.0 - uv[met].sum(axis=1), *uv[met].T], axis=1)
+            outward = np.einsum("ik,ikc->ic", shares, occluder.normals[corners])
+            if not len(met):
+                break
+            start, half = start[met], half[met]
+            position = np.einsum("ik,ikc->ic", shares, occluder.origins[corners]).astype(np.float32)
+            normal = outward / np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 1e-12)
+            weight = weight[met] * np.einsum("ik,ikc->ic", shares, albedo[corners])
+
+
+def _cosine(normals: Directions, random: np.random.Generator) -> NDArray[np.float32]:
+    """Cosine-distributed directions about unit normals: a point of the sphere added to each."""
+    toward = random.normal(size=normals.shape)
+    toward /= np.linalg.norm(toward, axis=1, keepdims=True)
+    toward = normals + 0.9999 * toward
+    return (toward / np.linalg.norm(toward, axis=1, keepdims=True)).astype(np.float32)
+
+
+def width_error(
+    sample: Sample, tint: Floats | float, suns: Suns, variances: Floats, total: NDArray[np.float64]
+) -> float:
+    """Relative L2 error of exit radiance, in the worst of four rotations of the light, of suns that shine as points.
+
+    sample: Sample. tint: (S, 3) albedo of its rows, or 1. suns: Suns of the unrotated light. variances: of their
+    patches, as `sun_split.Rest` has them; patches are treated as discs. total: (TURNS,) norms of all light.
+    The split of suns estimates it for walls that may stand anywhere; in the shade of needles it is up to eight times
+    larger.
+    """
+    if not len(suns):
+        return 0.0
+    step = min(QUARTERS, 1 + len(suns) // FEW, len(sample.rows))
+    tint = np.broadcast_to(np.asarray(tint, np.float64), (len(sample.rows), 3))
+    worst = 0.0
+    for quarter in range(QUARTERS):
+        rows = np.arange(quarter % step, len(sample.rows), step)
+        turned = suns.rotated(360.0 * quarter / QUARTERS)
+        halves = _off(sample, rows, turned, variances) * tint[rows]
+        share = sample.weights[rows] * np.square(sample.solid[rows])
+        among = total[quarter * TURNS // QUARTERS] ** 2 * sample.weights[rows].sum()
+        worst = max(worst, float(share @ (halves[0] * halves[1]).sum(axis=1) / among))
+    return math.sqrt(worst)
+
+
+def _off(sample: Sample, rows: Indices, suns: Suns, variances: Floats) -> NDArray[np.float64]:
+    """By how much two halves of the rays say that exit radiance of white rows is off: (2, R, 3)."""
+    cosine = sample.normals[rows] @ suns.directions.T
+    row, sun = np.nonzero(cosine > 0.0)
+    off = np.zeros((2, len(rows), 3))
+    toward = suns.directions[sun]
+    sent = (cosine[row, sun] / np.pi)[:, None] * suns.weights[sun]
+    origins = sample.occluder.origins[sample.rows[rows[row]]]
+    point = _free(sample, origins, toward)
+    side = np.cross(toward, np.where(np.abs(toward[:, 1:2]) < 0.9, [[0.0, 1.0, 0.0]], [[1.0, 0.0, 0.0]]))
+    side /= np.linalg.norm(side, axis=1, keepdims=True)
+    other = np.cross(toward, side)
+    start = np.random.default_rng(0).uniform(0.0, 2.0 * np.pi, len(row))
+    for ray in range(RAYS):
+        radius = np.sqrt(2.0 * variances[sun] * (ray + 0.5) / RAYS)[:, None]
+        angle = (start + ray * np.pi * (3.0 - math.sqrt(5.0)))[:, None]
+        aim = toward + radius * (np.cos(angle) * side + np.sin(angle) * other)
+        differs = _free(sample, origins, aim / np.linalg.norm(aim, axis=1, keepdims=True)) - point
+        for color in range(3):
+            off[ray % 2, :, color] += np.bincount(row, differs * sent[:, color], len(rows)) * (2.0 / RAYS)
+    return off
+
+
+def _free(sample: Sample, origins: Points, toward: Directions) -> NDArray[np.float64]:
+    """(N,) 1.0 where a ray meets nothing."""
+    rays = np.concatenate([origins, toward.astype(np.float32)], axis=1)
+    return 1.0 - sample.occluder.occluded(rays).astype(np.float64)

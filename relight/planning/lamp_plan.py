@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Indices
 
-from ..lamps.choosing import ALONE, BLOCK
 from ..lamps.emitters import Emitters
-from ..lamps.tracing import CHANCE_PART, LitVertices, lamplight
+from ..lamps.tracing import ALONE, BLOCK, CHANCE_PART, lamplight, ordered
 from ..transfer.bounces import Interreflection
 from ..transfer.first_bounce import first_bounce
 from ..transfer.neighbors import along_curve
@@ -102,10 +101,10 @@ def plan_lamps(
         blocks = np.array_split(along_curve(occluder.origins), np.arange(BLOCK, count, BLOCK))
         chosen = np.random.default_rng(seed).permutation(len(blocks))[: SAMPLE // BLOCK]
         rows = np.concatenate([blocks[each] for each in np.sort(chosen)])
-    at, share = LitVertices(rows, None if leaf is None else leaf[rows]), [0.0]
+    leaves, share = None if leaf is None else leaf[rows], [0.0]
 
     def gather(rays: int, seed: int) -> NDArray[np.float32]:
-        return lamplight(occluder, emitters, rays, at=at, least=least, seed=seed)
+        return lamplight(occluder, emitters, rays, at=ordered(occluder, rows, leaves, seed), least=least)
 
     def whole(light: NDArray[np.float32]) -> float:
         share[0] = float(light.sum() / max(float((light + beside[rows]).sum()), sys.float_info.min))

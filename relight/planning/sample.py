@@ -4,16 +4,21 @@ import copy
 import platform
 import time
 from collections.abc import Mapping
-from functools import partial
+from dataclasses import dataclass
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
 
-from splat2mesh.base.arrays import Floats, Indices, Mask
+from splat2mesh.base.arrays import Floats, Indices, Mask, Radiance
 from splat2mesh.base.sphere import fibonacci_sphere
 from splat2mesh.base.threads import cores
 
+from ..light.projections import pooled, row_solid_angles, texel_directions
+from ..light.sun_split import GRID
+from ..sh import harmonics
 from ..transfer import consensus, sampling
 from ..transfer.occluder import BATCH_RAYS, Occluder
 from ..transfer.store import Cache, array_key
@@ -31,6 +36,9 @@ counts: the first batch wakes threads."""
 
 BLOCKS = 32
 """Blocks of vertices by which the share of the rays is measured that neighbours do not predict: 65,000 rays in all."""
+
+TURNS = 8
+"""Rotations for which a plan must hold, 45 degrees apart. Between them errors change by a tenth or so."""
 
 
 class Sample:
@@ -145,6 +153,15 @@ class Sample:
         march_s = (time.perf_counter() - start) / max(1, marches) / cores()
         return other, march_s * foliage.probe_count
 
+    def _thicken(self, foliage: Foliage) -> int:
+        """Take leaves and grass for volumes; how many marches it took."""
+        share, free, marches = foliage.seen(self.rows, self.directions)
+        share, even = share[:, None], np.float32(1.0 / len(self.directions))
+        self.open = self.open + share * (even - self.open)
+        self.seen = self.seen + share * (even * free - self.seen)
+        self.solid, self._foliage = 1.0 - share[:, 0], foliage
+        return marches
+
     def _look(self, directions: int) -> None:
         """Look in D directions, as surfaces hide them."""
         cosine = self._face(directions)
@@ -163,15 +180,6 @@ class Sample:
         cosine = np.maximum(self.normals @ self.directions.T, np.float32(0.0))
         self.open = cosine * np.float32(4.0 / directions)
         return cosine
-
-    def _thicken(self, foliage: Foliage) -> int:
-        """Take leaves and grass for volumes; how many marches it took."""
-        share, free, marches = foliage.seen(self.rows, self.directions)
-        share, even = share[:, None], np.float32(1.0 / len(self.directions))
-        self.open = self.open + share * (even - self.open)
-        self.seen = self.seen + share * (even * free - self.seen)
-        self.solid, self._foliage = 1.0 - share[:, 0], foliage
-        return marches
 
     def mean_square(self, values: Floats) -> NDArray[np.float64]:
         """Weighted mean over the vertices of squared values (S, ...), summed over the last axis (colours)."""
@@ -219,3 +227,58 @@ def _evenly(order: Indices, wanted: int) -> Indices:
     """So many of the vertices in an order, evenly; all where there are fewer."""
     count = min(wanted, len(order))
     return order[((np.arange(count) + 0.5) * len(order) / max(count, 1)).astype(int)]
+
+
+def cells_of(image: Radiance) -> NDArray[np.float64]:
+    """Radiance (64, 128, 3) float64 of the cells of an unrotated lat-long image."""
+    return pooled(image, GRID)
+
+
+def turned(image_cells: Floats, directions: int) -> NDArray[np.float64]:
+    """Radiance from D directions in every rotation of the cells: (D, TURNS, 3) float64.
+
+    The light of each cell goes to the nearest direction; none is lost.
+    """
+    nearest = _nearest(directions)
+    areas = np.broadcast_to(row_solid_angles(*GRID).reshape(-1, 1), GRID).ravel()
+    energy = image_cells.reshape(-1, 3) * areas[:, None]
+    light: NDArray[np.float64] = np.zeros((directions, TURNS, 3))
+    for turn in range(TURNS):
+        for color in range(3):
+            light[:, turn, color] = np.bincount(nearest[turn], energy[:, color], directions)
+    return light * (directions / (4.0 * np.pi))
+
+
+@lru_cache(4)
+def basis(directions: int) -> NDArray[np.float64]:
+    """SH basis at the directions: (D, K) float64, all bands."""
+    return np.asarray(harmonics.evaluate(fibonacci_sphere(directions), harmonics.MAX_BANDS), np.float64)
+
+
+@lru_cache(4)
+def _nearest(directions: int) -> NDArray[np.int64]:
+    """Index of the nearest of D directions for every cell in every rotation: (TURNS, cells)."""
+    toward = texel_directions(*GRID).reshape(-1, 3)
+    tree = scipy.spatial.cKDTree(fibonacci_sphere(directions))
+    found = []
+    for turn in range(TURNS):
+        angle = 2.0 * np.pi * turn / TURNS
+        c, s = np.cos(angle), np.sin(angle)
+        rotated = toward @ np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]]).T
+        found.append(tree.query(rotated, workers=-1)[1])
+    return np.stack(found)
+
+
+@dataclass(frozen=True, eq=False)
+class PlannedScene:
+    """A scene as its planning sees it.
+
+    occluder: of the whole scene. albedo: (V, 3) linear, white without. foliage: where it has one. traced: (V,) bool,
+    the vertices that light is traced for; all without. cache: its Cache, or None.
+    """
+
+    occluder: Occluder
+    albedo: Radiance | None = None
+    foliage: Foliage | None = None
+    traced: Mask | None = None
+    cache: Cache | None = None

@@ -19,7 +19,7 @@ from splat2mesh.base.arrays import Triple
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.specs import clip, parse_spec, plain
 
-from ..lamps.color import WHITE, parse_color
+from ..lamps.asked import WHITE, parse_color
 from ..light.environment import Environment
 from ..light.loading import light_of
 from .kept_parts import kept_parts

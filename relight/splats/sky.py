@@ -21,7 +21,7 @@ from splat2mesh.splats.splats import SH_C0, Splats
 
 from ..albedo.seen import standing
 from ..light import SKIES
-from ..light.captured import CapturedLight
+from ..light.loading import CapturedLight
 from ..light.tonemap import tone_map
 from .hanging_sky import VOTES, FromMiddle, hanging_sky
 from .light_ratio import CURVE_POWER, LEAST, MOST, relit_sh

@@ -16,7 +16,7 @@ from splat2mesh.tiles.survey import sources_of
 from splat2mesh.tiles.tasks import Task, TaskSteps, tiling_engine
 from splat2mesh.tiles.tileset import tileset
 
-from ..lamps.placing import asked_lamps
+from ..lamps.spec import asked_lamps
 from ..light.loading import light_of
 from ..options import PLACE_TOLERANCE
 from ..output.kinds import CITY_FILES

@@ -17,8 +17,8 @@ from splat2mesh.tiles.store import Store
 
 from ..albedo.division import Prior
 from ..light import CAPTURED
-from ..light.captured import CapturedLight
 from ..light.environment import Environment
+from ..light.loading import CapturedLight
 from ..splats.light_ratio import Usual
 from .background import Background
 

@@ -27,8 +27,8 @@ from ..engine.appearance import CAPTURE, Appearance
 from ..engine.light_mix import LightKind, LightMix
 from ..engine.relighter import Relighter
 from ..lamps.asked import LampScale
-from ..light.captured import CapturedLight
 from ..light.environment import Environment
+from ..light.loading import CapturedLight
 from ..options import LightingOptions
 from ..output.relit_splats import BoundSplats, SplatLight, relit
 from ..splats.binding import Binding

@@ -5,7 +5,7 @@ import numpy as np
 
 from splat2mesh.base.arrays import Indices
 
-from ..light.suns import Suns
+from ..light.environment import Suns
 from .bodies import Sight
 from .dynamic import DynamicTransfer
 from .reach import NodeRays

@@ -12,10 +12,9 @@ from splat2mesh.base.sphere import fibonacci_sphere
 from splat2mesh.scene.color import luminance
 
 from ..light import projections
-from ..light.environment import Environment
+from ..light.environment import Environment, Suns
 from ..light.projections import texel_parts
 from ..light.sun_split import PARTS
-from ..light.suns import Suns
 from . import MAX_RAYS
 from .occluder import BATCH_RAYS, Occluder
 from .sunlight import sunlight

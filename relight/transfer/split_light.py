@@ -6,9 +6,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..light.environment import Environment, turned_about_y
+from ..light.environment import Environment, Suns, turned_about_y
 from ..light.sun_split import split
-from ..light.suns import Suns
 from .settings import Settings
 from .store import Cache, array_key
 

@@ -7,7 +7,7 @@ from splat2mesh.base.arrays import Indices
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.progress import Advance
 
-from ..light.suns import Suns
+from ..light.environment import Suns
 from .neighbors import along_curve
 from .occluder import BATCH_RAYS, Occluder
 

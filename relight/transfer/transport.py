@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Indices, Transfer
 
-from ..light.suns import Suns
+from ..light.environment import Suns
 
 if TYPE_CHECKING:
     from .bounces import Interreflection

@@ -23,7 +23,7 @@ from splat2mesh.scene.leaves import FEW, PROBE, Lattice, throughout
 from splat2mesh.scene.optical_depth import MOST, OpticalDepth
 from splat2mesh.scene.scene import Scene
 
-from ..light.suns import Suns
+from ..light.environment import Suns
 from ..sh import harmonics
 from .occluder import BATCH_RAYS
 from .settings import VOLUME_DIRECTIONS

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from splat2mesh.base.arrays import Triple
 from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
 
-from ..lamps.color import TEMPERATURES, parse_color
+from ..lamps.asked import TEMPERATURES, parse_color
 from .lamps import LampBoard, place_of
 from .pointing import Drag, Tool, WindowView
 from .recording import free_name

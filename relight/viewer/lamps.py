@@ -16,14 +16,11 @@ from splat2mesh.scene.color import luminance
 
 from ..engine.light_mix import LightBeside
 from ..engine.placed import Placed
-from ..lamps.asked import LARGEST_EV, AskedLamp, Brightness, LampScale, resolve
-from ..lamps.color import WHITE
+from ..lamps.asked import LARGEST_EV, WHITE, AskedLamp, Brightness, LampScale, resolve
 from ..lamps.fields import changed
-from ..lamps.moving import shifted
 from ..lamps.photometry import axis_intensity
-from ..lamps.placing import asked_lamps
-from ..lamps.saving import write_lamps
-from ..lamps.shapes import MeshLamp, RectangleLamp, SphereLamp, TubeLamp
+from ..lamps.shapes import MeshLamp, RectangleLamp, SphereLamp, TubeLamp, shifted
+from ..lamps.spec import asked_lamps, write_lamps
 from .bench import Answer, Bench, Check
 from .history import Timeline
 from .lighting import SPARE

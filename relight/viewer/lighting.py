@@ -23,11 +23,11 @@ from splat2mesh.scene.scene import Scene
 from ..engine.relighter import Relighter
 from ..light import WIDTH
 from ..light.environment import Environment
-from ..light.pooling import pooled
+from ..light.projections import pooled
 from ..live.response import SPREAD_BANDS
 from ..options import LightingOptions
 from ..planning.choice import SAFETY
-from ..planning.decide import SAMPLE_VERTICES
+from ..planning.planner import SAMPLE_VERTICES
 from ..sh import harmonics
 from ..transfer.analytic import analytic
 from ..transfer.checks import checked_albedo

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..output.kinds import PICTURE_SIZE
-from ..planning.decide import SAMPLE_VERTICES
+from ..planning.planner import SAMPLE_VERTICES
 from ..transfer.settings import BOUNCES, SUN
 from .canvas import BAR, CHIP, DARK, DIM, HANDLE, IDLE, MARGIN, ON, TEXT, WARNING, Canvas, HotArea
 from .controls import CONTROLS, MOUSE, SLIDERS, Control, Slider, key_name

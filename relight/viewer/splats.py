@@ -23,8 +23,8 @@ from splat2mesh.views.standpoints import NEAR_DIAGONAL
 
 from ..engine.light_mix import LightBeside, Received
 from ..gloss.scene_gloss import NewLight
-from ..light.captured import CapturedLight
 from ..light.environment import Environment, turned_about_y
+from ..light.loading import CapturedLight
 from ..output.picture import in_frame
 from ..output.relit_splats import BoundSplats, SplatLight, relit
 from ..splats.binding import ROUNDS

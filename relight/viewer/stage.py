@@ -16,7 +16,7 @@ from splat2mesh.scene.drawn import Drawn
 from splat2mesh.scene.scene import Scene
 
 from ..light.environment import Environment
-from ..light.pooling import pooled
+from ..light.projections import pooled
 from ..output.catcher import SIDE as PICTURE_SIDE
 from ..output.catcher import Catcher, GroundLight
 from ..output.inserted_picture import PictureAsked, with_objects

@@ -18,7 +18,7 @@ from relight.jobs.job import Job
 from relight.jobs.session import session_of
 from relight.lamps.emitters import emitters_of
 from relight.lamps.shapes import RectangleLamp, SphereLamp, TubeLamp
-from relight.lamps.tracing import LitVertices, lamplight
+from relight.lamps.tracing import lamplight, ordered
 from relight.planning.lamp_plan import plan_lamps
 from relight.transfer.occluder import Frame, Occluder
 
@@ -76,7 +76,7 @@ def by_kind(occluder, frame, options, report):
     table = report.table("each kind", lamp="<6", rays="d", error=".4f", seconds=".3f")
     for name, lamp in lamps.items():
         emitters = emitters_of([lamp], frame.center, size)
-        true = lamplight(occluder, emitters, options.reference, seed=1)
+        true = lamplight(occluder, emitters, options.reference, at=ordered(occluder, seed=1))
         for rays in options.rays:
             found, seconds, _ = timed(lambda n=rays, e=emitters: lamplight(occluder, e, n))
             table.add(lamp=name, rays=rays, error=relative_error(found, true), seconds=seconds)
@@ -94,7 +94,7 @@ def by_number(occluder, frame, options, report):
         bulbs = [SphereLamp(tuple(place), 0.002 * frame.diagonal, (900.0 / count,) * 3) for place in places]
         emitters = emitters_of(bulbs, frame.center, frame.diagonal)
         found, seconds, _ = timed(lambda e=emitters: lamplight(occluder, e, 32))
-        true = lamplight(occluder, emitters, 64, at=LitVertices(probes), seed=1, every=True)
+        true = lamplight(occluder, emitters, 64, at=ordered(occluder, probes, seed=1), every=True)
         error = relative_error(found[probes], true)
         plan, plan_s, _ = timed(lambda e=emitters: plan_lamps(occluder, e, nothing, options.tolerance))
         wanted = lamplight(occluder, emitters, plan.rays)[probes]

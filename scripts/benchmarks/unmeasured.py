@@ -12,8 +12,9 @@ from benchmarks.frontier import copy, seconds_of, truths, warm_up
 from benchmarks.harness import relative_error
 from benchmarks.shapes import SHAPES, shape
 from relight import Environment, LightingOptions, Relighter
-from relight.planning import decide
-from relight.planning.decide import PlannedScene, planned
+from relight.planning import unmeasured
+from relight.planning.planner import planned
+from relight.planning.sample import PlannedScene
 
 SKIES = "studio", "overcast", "noon", "sunset"
 SCENES = *(name for name in SHAPES[:4]), "tabletop", "room", "object"
@@ -29,7 +30,7 @@ def arguments(parser):
 
 def run(options, report):
     lights = {name.rpartition("/")[2]: Environment.load(name).rotated(30.0) for name in options.skies}
-    decide.UNMEASURED_VERTICES = sys.maxsize
+    unmeasured.UNMEASURED_VERTICES = sys.maxsize
     warm_up()
     columns = {"scene": "<14", "vertices": ",d", "light": "<12", "settings": "<70", "error": ".4f", "seconds": ".3f"}
     table = report.table("seconds", **columns, plan_seconds=".3f", plan_error=".4f")
@@ -41,9 +42,9 @@ def run(options, report):
         rows = np.random.default_rng(5).choice(count, min(1000, count), replace=False)
         expected = truths(occluder, rows, lights, albedo, options.directions)
         for light, environment in lights.items():
-            for least, _ in decide.UNMEASURED:
+            for least, _ in unmeasured.UNMEASURED:
                 asked = LightingOptions(tolerance=max(least, 0.01))
-                plan = decide.unmeasured(PlannedScene(occluder, albedo), asked)
+                plan = unmeasured.unmeasured(PlannedScene(occluder, albedo), asked)
                 shading, seconds = _lit(scene, environment, albedo, plan.settings)
                 by_plan, plan_seconds = _lit(scene, environment, albedo, asked)
                 row = {"scene": name, "vertices": count, "light": light, "settings": str(plan.settings)}

@@ -1,9 +1,11 @@
 """The accepted values of settings, defined once for the library, its requests and both command lines. Imports nothing
 heavy."""
 
+from collections.abc import Iterable
 from typing import Any
 
 from .errors import InputError
+from .specs import meant
 
 UP_CHOICES = ("auto", "+y", "-y", "+z", "-z")
 """Which axis of the splat points up."""
@@ -44,10 +46,22 @@ SMALLEST_TEXTURE, LARGEST_TEXTURE = 16, 8192
 MOST_SEED = 2**64
 
 
-def check_choice(name: str, value: object, choices: tuple[str, ...]) -> None:
-    """Raise InputError, which names the setting, unless the value is one of the choices."""
-    if value not in choices:
-        raise InputError(f"`{name}` {value}: expected one of {' '.join(choices)}")
+def check_choice(name: str, value: Any, choices: Iterable[str]) -> Any:
+    """Return the choice that a value names, in any case. Raises InputError, which names the setting, for any other."""
+    known = {choice.lower(): choice for choice in choices}
+    word = value.lower() if isinstance(value, str) else value
+    if word not in known:
+        raise InputError(f"`{name}` {value}: expected one of {' '.join(known.values())}{meant(str(word), known)}")
+    return known[word]
+
+
+def several(name: str, values: Iterable[str], choices: Iterable[str]) -> tuple[str, ...]:
+    """Return the choices that words name, also with commas between them; each once, in order. Raises InputError."""
+    choices = list(choices)
+    words = [word for value in values for word in value.split(",") if word]
+    if values and not words:
+        raise InputError(f"`{name}`: expected some of {' '.join(choices)}")
+    return tuple(dict.fromkeys(check_choice(name, word, choices) for word in words))
 
 
 def check_lod(lod: Any) -> int | str:

@@ -1,7 +1,6 @@
 """Forgiving command lines: negative values, commas, near misses. Imports nothing heavy."""
 
 import argparse
-import difflib
 import math
 import re
 import sys
@@ -9,6 +8,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any, NoReturn
 
 from .errors import InputError
+from .specs import meant
 
 _VALUE = re.compile(r"-[\d.]|-[xyz]$")
 """Values that look like options: a negative number, or an axis."""
@@ -36,7 +36,7 @@ class Parser(argparse.ArgumentParser):
         unknown = re.match(r"unrecognized arguments: (\S+)", message)
         if unknown and unknown[1].startswith("--"):
             options = [text for action in self._actions for text in action.option_strings]
-            message = f"{unknown[1]}: no such option" + _guess(unknown[1], options)
+            message = f"{unknown[1]}: no such option" + meant(unknown[1], options)
         elif unknown:
             message = self._second_value(unknown[1]) or message
         self.exit(2, f"error: {message}; {self.prog} --help shows all\n")
@@ -69,24 +69,6 @@ def joined(arguments: Sequence[str], signed: Iterable[str], words: Iterable[str]
     return result
 
 
-def chosen(option: str, value: str, choices: Iterable[str]) -> str:
-    """The choice that a value names, in any case. Raises InputError, with the nearest choice, for any other value."""
-    known = {choice.lower(): choice for choice in choices}
-    if value.lower() in known:
-        return known[value.lower()]
-    listed = " ".join(known.values())
-    raise InputError(f"{option} {value}: expected one of {listed}{_guess(value.lower(), known)}")
-
-
-def several(option: str, values: Sequence[str] | None, choices: Iterable[str]) -> list[str]:
-    """The choices of an option that takes several, as words, with commas, or by repeating it; each once, in order."""
-    choices = list(choices)
-    words = [word for value in values or () for word in value.split(",") if word]
-    if values is not None and not words:
-        raise InputError(f"{option}: expected some of {' '.join(choices)}")
-    return list(dict.fromkeys(chosen(option, word, choices) for word in words))
-
-
 def share(option: str, text: str | None) -> float | None:
     """A share of 1: "0.01" or "1%" -> 0.01. Raises InputError for anything else, and for 1 or more."""
     if text is None:
@@ -109,8 +91,3 @@ def count(option: str, text: str) -> int:
     if not number.is_integer():
         raise InputError(f"{option} {text}: expected a whole number, such as 20000, 20k or 1.5M")
     return int(number)
-
-
-def _guess(text: str, choices: Iterable[str]) -> str:
-    near = difflib.get_close_matches(text, list(choices), 1)
-    return f"; did you mean {near[0]}?" if near else ""

@@ -16,11 +16,11 @@ def add_completion(parser: argparse.ArgumentParser) -> None:
 
 
 def offer(parser: argparse.ArgumentParser, words: Mapping[str, Iterable[str]]) -> None:
-    """Name words that completions offer as values of options; other values stay allowed. words: by option, such as
-    "--detail"."""
+    """Name words that completions offer as values of options; other values stay allowed. words: by setting, such as
+    "detail"."""
     for action in parser._actions:
-        for option in {*action.option_strings} & {*words}:
-            action.offered = tuple(words[option])  # type: ignore[attr-defined]
+        if action.dest in words:
+            action.offered = tuple(words[action.dest])  # type: ignore[attr-defined]
 
 
 class _Printed(argparse.Action):

@@ -3,8 +3,10 @@
 A value ends where the next word with a = begins, so paths and names may have spaces.
 """
 
+import difflib
 import math
 import re
+from collections.abc import Iterable
 from typing import Any
 
 from .errors import InputError
@@ -34,6 +36,12 @@ def clip(value: Any) -> str:
     """A value in a message: one line, not long."""
     words = " ".join(str(value).split())
     return words if len(words) <= 60 else words[:57] + "..."
+
+
+def meant(word: str, known: Iterable[str]) -> str:
+    """A suggestion for an unknown word, as the end of a phrase."""
+    near = difflib.get_close_matches(str(word).lower()[:40], list(known), 1)
+    return f"; did you mean {near[0]}?" if near else ""
 
 
 def vector(name: str, value: Any) -> tuple[float, float, float]:

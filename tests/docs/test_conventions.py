@@ -17,7 +17,7 @@ from relight import Environment, cli
 from relight.light import projections
 from relight.light.captured_light import LikelyLight
 from relight.light.sun_position import toward
-from relight.output.kinds import OF_SPLATS
+from relight.output.kinds import FILES, OF_SPLATS
 from relight.sh import harmonics
 from splat2mesh.render.rasterize import rasterize
 from splat2mesh.render.view import View
@@ -348,7 +348,7 @@ def test_scene_folder_holds_what_is_documented(tmp_path):
 def test_relight_writes_what_is_documented(tmp_path):
     Scene.from_mesh(small_mesh(), 30).save(tmp_path / "scene")
     out = tmp_path / "out"
-    kinds = [kind for kind in cli.FILES if kind not in OF_SPLATS]  # this scene was not made from any
+    kinds = [kind for kind in FILES if kind not in OF_SPLATS]  # this scene was not made from any
     options = "--method", "analytic", "--albedo", "captured", "--format", *kinds, "--live", "-q"
     assert cli.main(list(map(str, (tmp_path / "scene", "-o", out, *options)))) == 0
     write_mesh_ply(tmp_path / "mesh.ply", small_mesh())
@@ -356,7 +356,7 @@ def test_relight_writes_what_is_documented(tmp_path):
     options = "--bake", "texture", "transfer", "--texture-size", "64", "--tolerance", "0.1", "--format", "npy", "-q"
     assert cli.main(list(map(str, (tmp_path / "mesh.ply", "-o", baked, *options)))) == 0
     written = {path.name for folder in (out, baked) for path in folder.iterdir()}
-    assert written | {cli.FILES[kind] for kind in OF_SPLATS} == names("file", "content")
+    assert written | {FILES[kind] for kind in OF_SPLATS} == names("file", "content")
     report, other = (json.loads((folder / "report.json").read_text(encoding="utf-8")) for folder in (out, baked))
     assert set(report) | set(other) == names("report.json")
     extras = pygltflib.GLTF2().load(out / "relit.glb").scenes[0].extras

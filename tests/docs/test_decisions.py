@@ -22,7 +22,7 @@ from attack_samples import _glb, _gltf, _grid
 from scipy.special import sph_harm_y
 from splat_samples import make_splats
 
-from relight.light import radiance_hdr
+from relight.light import environment_files
 from relight.sh.harmonics import evaluate
 from splat2mesh.base.errors import InputError
 from splat2mesh.scene.meshfile import read_mesh
@@ -147,12 +147,12 @@ PIXEL = bytes([128, 64, 32, 129])
 
 def test_imagecodecs_ignores_the_exposure_of_a_radiance_picture():
     content = RADIANCE + b"EXPOSURE=4\n\n-Y 1 +X 2\n" + 2 * PIXEL
-    np.testing.assert_array_equal(4.0 * radiance_hdr.decode(content, "a"), imagecodecs.rgbe_decode(content))
+    np.testing.assert_array_equal(4.0 * environment_files.decode(content, "a"), imagecodecs.rgbe_decode(content))
 
 
 def test_imagecodecs_reads_no_rows_from_below():
     content = RADIANCE + b"\n+Y 1 +X 2\n" + 2 * PIXEL
-    assert (radiance_hdr.decode(content, "a") == [1.0, 0.5, 0.25]).all()
+    assert (environment_files.decode(content, "a") == [1.0, 0.5, 0.25]).all()
     with pytest.raises(imagecodecs.RgbeError):
         imagecodecs.rgbe_decode(content)
 

@@ -17,9 +17,9 @@ import relight.arguments
 from relight import Environment
 from relight.cli import request_of
 from relight.lamps.asked import LampScale, resolve
-from relight.lamps.files import read_json_lamps
 from relight.lamps.photometry import axis_intensity, flux
 from relight.lamps.shapes import RectangleLamp, SphereLamp, SpotLamp
+from relight.lamps.spec import read_json_lamps
 from relight.light.projections import texel_directions
 
 ROOT = Path(__file__).parents[2]

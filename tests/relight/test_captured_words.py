@@ -1,6 +1,7 @@
 """What a person says of the captured light on the command line: to which sun a place belongs, and what is refused."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,8 +10,8 @@ from viewer_scenes import ball_on_plate
 from relight import Environment
 from relight.arguments import parser
 from relight.cli import main, request_of
-from relight.light.captured_light import NAME, LikelyLight, choose, offer, read_lights
-from relight.light.captured_sun import captured_sun
+from relight.light.captured_light import NAME, LikelyLight, offer, read_lights, write_lights
+from relight.light.daylight import captured_sun
 from relight.request import RelightRequest
 from splat2mesh.base.errors import InputError
 
@@ -126,7 +127,7 @@ def test_the_chosen_light_is_used_and_results_know_it(folder, tmp_path, capsys):
         ("ignored", first, ["--captured-light", "auto"]),
     ):
         offer_two(folder)  # an estimate offers its own
-        choose(folder, chosen)
+        write_lights(folder, replace(read_lights(folder / NAME), chosen=chosen))
         assert main([*quick, "-o", str(tmp_path / name), *words]) == 0
         results[name] = np.load(tmp_path / name / "radiance.npy")
     same = [name for name in results if np.array_equal(results[name], results["given"])]
@@ -136,7 +137,7 @@ def test_the_chosen_light_is_used_and_results_know_it(folder, tmp_path, capsys):
     assert report["settings"]["captured_light"]["name"] == "noon"
     capsys.readouterr()
     assert main([*quick, "-o", str(tmp_path / "estimated")]) == 2  # whose light was estimated
-    choose(folder, None)
+    write_lights(folder, replace(read_lights(folder / NAME), chosen=None))
     assert "--captured-light not given, now noon" in capsys.readouterr().err
 
 

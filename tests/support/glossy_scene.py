@@ -9,9 +9,8 @@ from relight import Environment, LightingOptions
 from relight.engine.light_mix import LightMix
 from relight.gloss import Gloss
 from relight.lamps.asked import AskedLamp, Brightness
-from relight.lamps.moving import moved
-from relight.lamps.shapes import RectangleLamp, SphereLamp
-from relight.light.captured import CapturedLight
+from relight.lamps.shapes import RectangleLamp, SphereLamp, moved
+from relight.light.loading import CapturedLight
 from relight.live.live import LiveScene, live_of
 from relight.live.terms import sources_of
 from relight.splats import Binding

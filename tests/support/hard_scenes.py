@@ -5,7 +5,7 @@ import open3d as o3d
 from scipy.spatial.transform import Rotation
 
 from relight import Environment, Relighter
-from relight.light.suns import Suns
+from relight.light.environment import Suns
 from relight.transfer.sunlight import sunlight
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene

@@ -6,7 +6,8 @@ import open3d as o3d
 from relight import Environment
 from relight.light.projections import texel_directions
 from relight.options import LightingOptions
-from relight.planning.decide import PlannedScene, planned
+from relight.planning.planner import planned
+from relight.planning.sample import PlannedScene
 from relight.transfer.bounces import Interreflection, with_bounces
 from relight.transfer.occluder import Occluder
 from relight.transfer.reference import reference

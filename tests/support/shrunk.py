@@ -11,7 +11,7 @@ def shrink(set_attribute):
     import relight.jobs.writer
     import relight.output.catcher
     import relight.output.results
-    import relight.planning.decide
+    import relight.planning.unmeasured
     import splat2mesh.cli
     import splat2mesh.render.beside
     import splat2mesh.views.standpoints
@@ -24,4 +24,4 @@ def shrink(set_attribute):
     set_attribute(relight.output.catcher, "DIRECTIONS", 64)
     set_attribute(relight.output.results, "PICTURE_SIZE", (96, 72))
     set_attribute(relight.jobs.writer, "PICTURE_SIZE", (96, 72))
-    set_attribute(relight.planning.decide, "UNMEASURED_VERTICES", 0)
+    set_attribute(relight.planning.unmeasured, "UNMEASURED_VERTICES", 0)

@@ -10,8 +10,8 @@ from captured_scenes import BANDS, TOP_LEFT, given, lamp_light, objects, patchy,
 from relight import Environment
 from relight.albedo import DARKEST, LIGHTEST, Prior, albedo_of, estimate, samples, with_known_light
 from relight.albedo.fitted import FITTED
+from relight.light.environment import Suns
 from relight.light.projections import texel_directions
-from relight.light.suns import Suns
 from relight.transfer.bounces import with_bounces
 from relight.transfer.occluder import Occluder
 from relight.transfer.sunlight import sunlight

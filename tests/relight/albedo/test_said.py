@@ -1,5 +1,7 @@
 """What a person says of the captured light: read from options, and part of the key of what depends on it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,7 +9,7 @@ from relight import Environment, LightingOptions, Relighter
 from relight.albedo import CaptureEvidence
 from relight.albedo.said import Said
 from relight.engine import appearance
-from relight.light.captured_light import LikelyLight, choose, offer, read_lights
+from relight.light.captured_light import LikelyLight, offer, read_lights, write_lights
 from relight.transfer.store import array_key
 from scenes import build
 from splat2mesh.base.errors import InputError
@@ -73,7 +75,8 @@ def test_the_light_chosen_in_the_folder_of_a_scene_is_said(scene, tmp_path):
     saved = Scene.load(tmp_path / "scene")
     assert Relighter(saved).said.light is None
     assert Relighter(saved, captured_light="1").said.light.name == "noon"
-    choose(tmp_path / "scene", read_lights(tmp_path / "scene" / "captured_light.json").candidates[0])
+    lights = read_lights(tmp_path / "scene" / "captured_light.json")
+    write_lights(tmp_path / "scene", replace(lights, chosen=lights.candidates[0]))
     assert Relighter(saved).said.light.name == "noon"
     assert Relighter(saved, captured_light="AUTO").said.light is None
 

@@ -6,9 +6,8 @@ import pytest
 from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial.transform import Rotation
 
-from relight.animation.animation import Animation
+from relight.animation.animation import Animation, Track, moved, skinned
 from relight.animation.film import FILM, FilmRequest, Shot, animate, encode, frame_times
-from relight.animation.skinning import Track, moved, skinned
 from relight.light.environment import Environment
 from relight.transfer.analytic import analytic
 from splat2mesh.base.errors import DataWarning, InputError

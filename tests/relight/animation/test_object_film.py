@@ -9,9 +9,9 @@ import pytest
 import trimesh
 from insert_places import disc, floor_place, request
 
-from relight.animation.acting import Acting
+from relight.animation.film import Acting
 from relight.cli import main
-from relight.insert.shadowed import ShadowedSplats, shadowed
+from relight.insert.inserts import ShadowedSplats, shadowed
 from relight.jobs.folders import relight_files
 from relight.jobs.job import Job
 from splat2mesh.base.errors import InputError

@@ -5,8 +5,8 @@ import pytest
 
 from relight import Environment
 from relight.engine.blinnphong import blinn_phong, lamps
+from relight.light.environment import Suns
 from relight.light.projections import row_solid_angles
-from relight.light.suns import Suns
 
 
 def unit(count, seed=0):

@@ -15,7 +15,7 @@ from relight.engine.placed import LampLight
 from relight.engine.relighter import Relighter, Shading
 from relight.jobs.job import Job
 from relight.lamps.shapes import SphereLamp
-from relight.light.captured import CapturedLight
+from relight.light.loading import CapturedLight
 from relight.splats import Binding
 from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.scene.mesh import Mesh

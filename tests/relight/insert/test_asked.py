@@ -78,7 +78,7 @@ def test_an_option_without_an_object_is_refused(option, capsys):
         ("a statue.obj at=0,0,0 albedo=2", "from 0 to 1"),
         ("a statue.obj at=0,0,0 size=3", "expected some of"),
         ("layout.json at=0,0,0", "a layout sets the positions"),
-        ("broken.json", "not a layout"),
+        ("broken.json", "not valid JSON"),
         ("empty.json", "expected a list"),
         ("lost.json", "no such file beside"),
         ("out.json", "lies outside"),

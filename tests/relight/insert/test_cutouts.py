@@ -5,8 +5,8 @@ import pytest
 from textured_quads import CORNERS, FOUR, packed, textured, write_square
 
 from relight.insert.asked import asked_inserts
-from relight.insert.cutouts import Masked, cut_out
 from relight.insert.objects import read_object
+from relight.insert.refine import Masked, carried, cut_out
 from splat2mesh.base.errors import InputError
 from splat2mesh.render.raycaster import RayCaster
 from splat2mesh.scene.color import linear_from_srgb
@@ -39,8 +39,6 @@ def cut(pixels, cutoff=0.5, opacity=(1.0,) * 4, most=100_000):
     texture = MappedTexture(pixels, CORNERS[:, ::2].astype(float), (CLAMPED, CLAMPED))
     surface = Masked(CORNERS.astype(float), texture.uv, np.float32(opacity), texture, cutoff)
     faces, rounds, found = cut_out(surface, SQUARE, most)
-    from relight.insert.refine import carried
-
     return found.of(carried(surface.points, rounds)), faces
 
 

@@ -13,7 +13,7 @@ from textured_quads import packed, textured, write_square
 from relight import RelightRequest
 from relight.cli import main
 from relight.insert.asked import AskedInsert
-from relight.insert.placing import placed_by
+from relight.insert.standing import placed_by
 from relight.jobs.folders import relight_files
 from relight.jobs.job import Job
 from relight.transfer.occluder import Occluder

@@ -12,13 +12,13 @@ from relight.lamps.asked import (
     Brightness,
     LampScale,
     in_words,
+    luminance,
     parse_brightness,
+    parse_color,
     resolve,
 )
-from relight.lamps.color import luminance, parse_color
-from relight.lamps.moving import shifted
 from relight.lamps.photometry import axis_intensity, flux
-from relight.lamps.shapes import MeshLamp, ProfileLamp, RectangleLamp, SphereLamp, SpotLamp, TubeLamp
+from relight.lamps.shapes import MeshLamp, ProfileLamp, RectangleLamp, SphereLamp, SpotLamp, TubeLamp, shifted
 from splat2mesh.base.errors import InputError
 
 ONE = (1.0, 1.0, 1.0)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from relight.lamps.color import NAMES, TEMPERATURES, WHITE, blackbody, luminance, parse_color
+from relight.lamps.asked import NAMES, TEMPERATURES, WHITE, blackbody, luminance, parse_color
 from splat2mesh.base.errors import InputError
 
 XYZ_FROM_RGB = np.array(  # IEC 61966-2-1

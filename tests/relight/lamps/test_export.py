@@ -8,11 +8,10 @@ import pytest
 from gltf_check import validator_issues
 
 from relight.lamps.asked import LampScale, resolve
-from relight.lamps.export import khr_lights
-from relight.lamps.files import read_lamps
-from relight.lamps.gltf_lights import PUNCTUAL
+from relight.lamps.gltf_lights import PUNCTUAL, khr_lights
 from relight.lamps.photometry import axis_intensity, flux
 from relight.lamps.shapes import MeshLamp, ProfileLamp, RectangleLamp, SphereLamp, SpotLamp, TubeLamp
+from relight.lamps.spec import read_lamps
 from splat2mesh.base.sphere import fibonacci_sphere
 
 ONE = LampScale(1.0, 1.0, 1.0)

@@ -8,10 +8,9 @@ from attacks import damaged
 from typed_lamps import parse_lamp
 
 from relight.lamps.asked import Brightness, LampScale, resolve
-from relight.lamps.files import LAMP_SUFFIXES, read_lamps
 from relight.lamps.photometry import axis_intensity
 from relight.lamps.shapes import MeshLamp, ProfileLamp, RectangleLamp, SphereLamp, SpotLamp, TubeLamp
-from relight.lamps.spec import parse_lamps
+from relight.lamps.spec import LAMP_SUFFIXES, parse_lamps, read_lamps
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.gltf import MOST_NODES
 

@@ -11,12 +11,11 @@ from attacks import damaged
 from PIL import Image
 from typed_lamps import parse_lamp
 
-from relight.lamps.asked import Brightness, LampScale, resolve
-from relight.lamps.color import luminance
-from relight.lamps.files import read_lamps
+from relight.lamps.asked import Brightness, LampScale, luminance, resolve
 from relight.lamps.gltf_lights import PUNCTUAL, read_glow
 from relight.lamps.photometry import axis_intensity, flux
 from relight.lamps.shapes import MeshLamp, SphereLamp, SpotLamp
+from relight.lamps.spec import read_lamps
 from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.scene.glb import Glb
 

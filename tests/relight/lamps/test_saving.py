@@ -5,13 +5,10 @@ import json
 import numpy as np
 import pytest
 
-from relight.lamps.asked import AskedLamp, Brightness, LampScale, resolve
-from relight.lamps.color import parse_color
-from relight.lamps.files import read_lamps
+from relight.lamps.asked import AskedLamp, Brightness, LampScale, parse_color, resolve
 from relight.lamps.photometry import flux
-from relight.lamps.placing import asked_lamps
-from relight.lamps.saving import color_text, fields_of, write_lamps
 from relight.lamps.shapes import MeshLamp, ProfileLamp, SphereLamp, TubeLamp
+from relight.lamps.spec import asked_lamps, color_text, fields_of, read_lamps, write_lamps
 from splat2mesh.base.errors import InputError
 
 SCALE = LampScale(1.3, 0.7, 0.01)

@@ -8,7 +8,7 @@ from seen_lamps import hits_tube, seen_share, share_error
 
 from relight.lamps.emitters import emitters_of
 from relight.lamps.shapes import MeshLamp, RectangleLamp, SphereLamp, SpotLamp, TubeLamp
-from relight.lamps.tracing import LitVertices, lamplight
+from relight.lamps.tracing import lamplight, ordered
 from relight.transfer.occluder import Frame, Occluder
 
 CENTER, HIGH = np.array([0.0, 0.35, 0.0]), 1.0
@@ -45,8 +45,9 @@ def lit(scene):
     vertices, normals, faces = scene
     occluder, frame = Occluder(vertices, normals, faces), Frame.around(vertices, faces)
 
-    def lit(lamps, rays=64, **options):
-        return lamplight(occluder, emitters_of(lamps, frame.center, frame.diagonal), rays, **options)
+    def lit(lamps, rays=64, least=0.0, **at):
+        emitters = emitters_of(lamps, frame.center, frame.diagonal)
+        return lamplight(occluder, emitters, rays, at=ordered(occluder, **at), least=least)
 
     return lit
 
@@ -144,7 +145,7 @@ def test_the_light_of_two_lamps_is_the_sum_of_each(lit):
 
 def test_the_order_of_the_vertices_and_a_part_of_them_change_no_bit(lit):
     rows = np.array([900, 5, 1700, 44])
-    np.testing.assert_array_equal(lit([LAMPS["sphere"]], at=LitVertices(rows)), lit([LAMPS["sphere"]])[rows])
+    np.testing.assert_array_equal(lit([LAMPS["sphere"]], rows=rows), lit([LAMPS["sphere"]])[rows])
 
 
 def test_more_rays_come_nearer_to_the_truth(lit):

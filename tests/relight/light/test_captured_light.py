@@ -11,7 +11,6 @@ from relight.light.captured_light import (
     CapturedLights,
     LikelyLight,
     LikelySun,
-    choose,
     known_light,
     light_file,
     offer,
@@ -24,6 +23,10 @@ from splat2mesh.base.errors import InputError
 
 AFTERNOON = LikelyLight("afternoon", 0.6, LikelySun(210.0, 35.0, (3.0, 2.5, 2.0)), "", 1.2, (1.0, 0.9, 0.8), 0.5, 2.0)
 CLOUDY = LikelyLight("cloudy", 0.4, None, "")
+
+
+def choose(folder, entry):
+    write_lights(folder, replace(read_lights(folder / NAME), chosen=entry))
 
 
 def light(seed, turn=0.0):

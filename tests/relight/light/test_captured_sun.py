@@ -5,8 +5,7 @@ from datetime import datetime
 import numpy as np
 import pytest
 
-from relight.light.captured_sun import captured_sun
-from relight.light.daylight import DaylightRequest, sky_of
+from relight.light.daylight import DaylightRequest, captured_sun, sky_of
 from relight.light.sun_position import sun_position, toward
 from splat2mesh.base.errors import InputError
 
@@ -64,7 +63,7 @@ def test_a_direction_that_was_kept_stays_to_the_bit():
         (f"{TIME} at=98,2", "a latitude must be from -90 to 90 degrees, found 98"),
         (f"{TIME} at=48", "is not a place"),
         (f"{TIME} at=48,2 north=up", "expected degrees as its north, found up"),
-        (f"{TIME} at=48,2 at=49,2", "once each"),
+        (f"{TIME} at=48,2 at=49,2", "at: given twice"),
         ("2026-06-21T01:00+02:00 at=48,2", "17.5 degrees below the horizon"),
         ("210,35 at=48,2", "need no `at`"),
         ("210,-3", "expected a height above the horizon"),

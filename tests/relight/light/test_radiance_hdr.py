@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from color_primaries import PRIMARIES, expected_matrix
 
-from relight.light.radiance_hdr import decode
+from relight.light.environment_files import decode
 from splat2mesh.base.errors import DataWarning, InputError
 
 HEAD = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n"

@@ -6,10 +6,10 @@ import pytest
 from scipy.special import sph_harm_y
 
 from relight import Environment
-from relight.light import sun_clusters, sun_split
+from relight.light import sun_split
+from relight.light.environment import Suns
 from relight.light.projections import row_solid_angles, texel_directions
 from relight.light.sun_split import split
-from relight.light.suns import Suns
 from relight.transfer import sunlight as sunlight_module
 from relight.transfer.occluder import Occluder
 from relight.transfer.reference import reference
@@ -243,7 +243,7 @@ def test_error_at_an_edge_is_the_documented_integral():
     share = 6 * spread  # density 1/2 over a width of 12 spreads
     measured = (wrong**2).mean() * share * (cosine**2).mean() / np.pi**2
     # 40,000 walls of which a sixth matter: 2%; 400 points of the spot: 3%.
-    assert sun_clusters._EDGE_ERROR * spread == pytest.approx(measured, rel=0.1)
+    assert sun_split._EDGE_ERROR * spread == pytest.approx(measured, rel=0.1)
 
 
 # -- rays to the suns

@@ -16,9 +16,9 @@ from live_scene import TILT, scene_and_splats
 from relight import LightingOptions
 from relight.jobs.job import Job
 from relight.jobs.writer import Writer
-from relight.lamps.files import read_lamps
 from relight.lamps.shapes import SphereLamp, SpotLamp
-from relight.light.captured import CapturedLight
+from relight.lamps.spec import read_lamps
+from relight.light.loading import CapturedLight
 from relight.live.terms import Source, as_white, sources_of, term_of
 from relight.request import RelightRequest
 from relight.splats import Binding

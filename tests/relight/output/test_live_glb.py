@@ -11,9 +11,9 @@ from lit_ball import TILT, ball_scene
 from relight import Environment, Relighter
 from relight.engine.nine import nine_coefficients
 from relight.lamps.asked import LampScale, resolve
-from relight.lamps.files import read_lamps
 from relight.lamps.photometry import flux
 from relight.lamps.shapes import SphereLamp, SpotLamp
+from relight.lamps.spec import read_lamps
 from relight.output.lamps_glb import PlacedLamps, ShownLight
 from relight.output.live_glb import KEY, SNORM, write_live_glb
 from relight.output.mesh_files import write_glb

@@ -7,8 +7,7 @@ import open3d as o3d
 import pytest
 from probe_lights import AXIS, LOBE_ERROR, lobe, lobe_irradiance, picture
 
-from relight.insert.probe import LightAround, ProbedScene
-from relight.insert.probe_grid import ProbeGrid
+from relight.insert.probe import LightAround, ProbedScene, ProbeGrid
 from relight.insert.surroundings import Sky
 from relight.light.environment import Environment
 from relight.output.probe_files import write_probes

@@ -5,7 +5,7 @@ import pytest
 
 from relight.lamps.emitters import emitters_of
 from relight.lamps.shapes import SphereLamp
-from relight.lamps.tracing import LitVertices, lamplight
+from relight.lamps.tracing import lamplight, ordered
 from relight.planning import lamp_plan
 from relight.planning.lamp_plan import MANY, plan_lamps
 from relight.transfer.occluder import Occluder
@@ -32,8 +32,8 @@ def street():
 def test_every_lamp_is_the_sum_of_single_ones(street):
     occluder, emitters = street
     rows = np.arange(0, SIDE * SIDE, 41)
-    every = lamplight(occluder, emitters, 8, at=LitVertices(rows), every=True)
-    alone = sum(lamplight(occluder, emitters.of_lamp(number), 8, at=LitVertices(rows)) for number in range(LAMPS))
+    every = lamplight(occluder, emitters, 8, at=ordered(occluder, rows), every=True)
+    alone = sum(lamplight(occluder, emitters.of_lamp(number), 8, at=ordered(occluder, rows)) for number in range(LAMPS))
     # Rays of half-shadows differ: 8 of them to small spheres.
     np.testing.assert_allclose(every, alone, rtol=0.02)
 
@@ -42,7 +42,7 @@ def test_a_plan_predicts_the_error_of_the_choice_and_keeps_to_the_tolerance(stre
     occluder, emitters = street
     assert LAMPS > MANY
     nothing = np.zeros_like(occluder.origins)
-    true = lamplight(occluder, emitters, 64, seed=7, every=True)
+    true = lamplight(occluder, emitters, 64, at=ordered(occluder, seed=7), every=True)
 
     def error(rays):
         return np.linalg.norm(lamplight(occluder, emitters, rays) - true) / np.linalg.norm(true)

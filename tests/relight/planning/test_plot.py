@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from relight.cli import main
-from relight.planning.plot import CHOICE
+from relight.planning.plan import CHOICE
 
 
 @pytest.fixture

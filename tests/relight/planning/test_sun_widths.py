@@ -5,11 +5,10 @@ import plan_scenes
 import pytest
 
 from relight import Environment, Relighter
+from relight.light.environment import Suns
 from relight.light.projections import texel_directions
-from relight.light.suns import Suns
-from relight.planning import cells
-from relight.planning.sample import Sample
-from relight.planning.sun_widths import width_error
+from relight.planning.effect_errors import width_error
+from relight.planning.sample import TURNS, Sample
 from relight.transfer.reference import reference
 
 RADIUS = np.radians(4.0)
@@ -38,7 +37,7 @@ def test_the_width_of_a_sun_is_what_points_are_off(scene, off):
         point = np.maximum(sample.normals @ turned, 0.0) * ~sample.occluder.occluded(rays) / np.pi
         squares.append(sample.mean_square(point[:, None] * suns.weights - truth))
     variance = np.array([RADIUS**2 / 2.0])
-    found = width_error(sample, 1.0, suns, variance, np.ones(cells.TURNS))
+    found = width_error(sample, 1.0, suns, variance, np.ones(TURNS))
     total = np.sqrt(sample.mean_square(truth))
     # On the ball what is left is the cosine over the patch, which its rays do not vary, and noise of 80 directions.
     assert found == pytest.approx(np.sqrt(np.mean(squares)), rel=0.12) if off else found < 0.01 * total

@@ -11,8 +11,8 @@ from relight import Environment, LightingOptions, Relighter
 from relight.engine.appearance import Appearance
 from relight.engine.placed import LampLight
 from relight.lamps.asked import LampScale, resolve
-from relight.lamps.placing import asked_lamps
 from relight.lamps.shapes import MeshLamp, SphereLamp, SpotLamp, TubeLamp
+from relight.lamps.spec import asked_lamps
 from relight.tiles.local import tile_mesh
 from relight.tiles.shared import city_of, shared_at
 from splat2mesh.base.errors import InputError

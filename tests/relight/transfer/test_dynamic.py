@@ -3,7 +3,7 @@ import pytest
 from moving_meshes import ball, grid, mesh
 
 from relight.animation.animation import face_normals
-from relight.light.suns import Suns
+from relight.light.environment import Suns
 from relight.sh.normals import unit_normals
 from relight.transfer import lobes, sampling
 from relight.transfer.analytic import analytic

@@ -20,7 +20,7 @@ from motors import motor, taken_apart, up_to
 from scipy.spatial.transform import Rotation
 from scipy.special import sph_harm_y
 
-from relight.light.suns import Suns
+from relight.light.environment import Suns
 from relight.sh import cga, harmonics
 from relight.transfer.analytic import analytic
 from relight.transfer.bounces import Interreflection

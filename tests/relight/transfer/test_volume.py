@@ -8,8 +8,7 @@ import pytest
 
 from relight.albedo.direct import direct_light
 from relight.engine.relighter import Relighter
-from relight.light.environment import Environment
-from relight.light.suns import Suns
+from relight.light.environment import Environment, Suns
 from relight.planning.sample import Sample
 from relight.transfer import volume
 from relight.transfer.occluder import Occluder

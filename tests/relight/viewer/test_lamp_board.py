@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from relight.lamps.asked import AskedLamp, Brightness
-from relight.lamps.placing import asked_lamps
 from relight.lamps.shapes import SphereLamp
+from relight.lamps.spec import asked_lamps
 from relight.viewer.lamps import MOST_CAPTURED, LampBoard, place_of
 from splat2mesh.base.errors import InputError
 

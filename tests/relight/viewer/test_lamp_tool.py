@@ -10,7 +10,7 @@ pytest.importorskip("pyvista")
 from lamp_sessions import open_session, relit, warm
 from viewer_scenes import SIZE, ball_on_plate, bare
 
-from relight.lamps.color import parse_color
+from relight.lamps.asked import parse_color
 from relight.viewer.controls import CONTROLS, SLIDERS
 from relight.viewer.lamp_tool import COLORS, OFF_M
 from relight.viewer.lamps import place_of

@@ -28,8 +28,7 @@ def scene():
 
 
 @pytest.mark.slow
-def test_view_saves_the_picture_of_a_session(scene, tmp_path, monkeypatch):
-    monkeypatch.setattr("relight.planning.decide.UNMEASURED_VERTICES", 5000)  # as in the process of the worker
+def test_view_saves_the_picture_of_a_session(scene, tmp_path):
     path = tmp_path / "session.png"
     options = {"size": SIZE, "tolerance": 0.05, "exposure": 0.35, "state": {"split": True, "angle_deg": 20.0}}
     assert view(scene, "noon", screenshot=path, **options) is None

@@ -2,7 +2,8 @@
 
 import pytest
 
-from splat2mesh.base.commandline import Parser, chosen, count, joined, several, share
+from splat2mesh.base.choices import check_choice, several
+from splat2mesh.base.commandline import Parser, count, joined, share
 from splat2mesh.base.errors import InputError
 
 
@@ -22,21 +23,22 @@ def test_a_value_may_begin_with_a_minus_where_the_option_takes_one(given, read):
 
 
 def test_words_are_known_in_any_case_and_near_ones_are_suggested():
-    assert chosen("--env", "SunSet", ("studio", "sunset")) == "sunset"
-    with pytest.raises(InputError, match=r"--env snset: expected one of studio sunset; did you mean sunset\?$"):
-        chosen("--env", "snset", ("studio", "sunset"))
-    with pytest.raises(InputError, match=r"expected one of studio sunset$"):
-        chosen("--env", "xyzzy", ("studio", "sunset"))
+    assert check_choice("env", "SunSet", ("studio", "sunset")) == "sunset"
+    with pytest.raises(InputError, match=r"`env` snset: expected one of studio sunset; did you mean sunset\?$"):
+        check_choice("env", "snset", ("studio", "sunset"))
+    for other in ("xyzzy", 3, None):
+        with pytest.raises(InputError, match=r"expected one of studio sunset$"):
+            check_choice("env", other, ("studio", "sunset"))
 
 
 def test_several_words_stand_apart_with_commas_or_in_options_given_again():
     kinds = ("glb", "png", "ply")
-    assert several("--format", ["glb,png", "PLY", "glb"], kinds) == ["glb", "png", "ply"]
-    assert several("--format", None, kinds) == []
-    with pytest.raises(InputError, match=r"--format pgn: .*did you mean png\?"):
-        several("--format", ["glb", "pgn"], kinds)
-    with pytest.raises(InputError, match="--format: expected some of glb png ply"):
-        several("--format", [","], kinds)
+    assert several("formats", ["glb,png", "PLY", "glb"], kinds) == ("glb", "png", "ply")
+    assert several("formats", [], kinds) == ()
+    with pytest.raises(InputError, match=r"`formats` pgn: .*did you mean png\?"):
+        several("formats", ["glb", "pgn"], kinds)
+    with pytest.raises(InputError, match="`formats`: expected some of glb png ply"):
+        several("formats", [","], kinds)
 
 
 @pytest.mark.parametrize(("text", "value"), [("0.02", 0.02), ("1%", 0.01), (" 2.5 %", 0.025), (None, None)])

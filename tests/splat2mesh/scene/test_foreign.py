@@ -7,8 +7,7 @@ import pytest
 from viewer_scenes import ball_on_plate
 
 from relight import Environment, Relighter
-from relight.lamps.moving import moved
-from relight.lamps.shapes import SphereLamp
+from relight.lamps.shapes import SphereLamp, moved
 from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.scene.foreign import as_scene
 from splat2mesh.scene.mesh import Mesh
