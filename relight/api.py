@@ -214,7 +214,7 @@ def relight_splat(
     found = job.inputs.splats
     writer = Writer(job)
     relit = _relit(writer)
-    return RelitSplat(writer.relit_splats(relit._shaded), relit, relit.report, found[1] if found else [])
+    return RelitSplat(writer.results.relit.relit(relit._shaded), relit, relit.report, found[1] if found else [])
 
 
 class RelightPlan(NamedTuple):
@@ -262,7 +262,7 @@ def plan_relight(request: RelightRequest, stages: Stages | None = None) -> Relig
     lamps, bounces, count, picture = None, None, 0, None
     if job.inputs.asked_lamps and job.mix.lamp_light is not None:
         lamps, bounces, count = job.mix.lamp_light.plan, job.mix.lamp_light.bounce_plan, len(job.inputs.asked_lamps)
-    if job.inputs.from_inside and job.room is not None and job.room.lamps_found:
+    if job.known.scene.capture.get("from") == "inside" and job.room is not None and job.room.lamps_found:
         picture = lamps_picture(job.known.scene, job.known.lamps_found)
     if job.light_kind is LightKind.CAPTURED:
         note = "" if lamps else "the captured light needs no rays, and there is nothing to plan"
@@ -329,7 +329,7 @@ def estimate_albedo(
 
 def _relit(writer: Writer) -> RelitScene:
     shaded = next(writer.job.shaded())
-    light, shading, exposure = writer.shown(shaded)[:3]
+    light, shading, exposure = writer.results.shown(shaded)[:3]
     report = report_of(writer.job, shaded)
     return RelitScene(writer.job.known.scene, shading.radiance, exposure, light, report, writer, shaded)
 

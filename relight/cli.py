@@ -149,9 +149,9 @@ def _command(words: argparse.Namespace, display: Display) -> tuple[list[str], An
 def _done(
     words: argparse.Namespace, request: RelightRequest, port: int | None, display: Display
 ) -> tuple[list[str], Any]:
-    from .jobs import folders, turned
+    from .jobs import folders
 
-    request = turned.turned_about(request, axis_from(getattr(words, "angles_deg", "")))
+    request = folders.turned_about(request, axis_from(getattr(words, "angles_deg", "")))
 
     if folders.is_city(request) or request.sequence:
         _refuse_sessions(words, "a sequence" if request.sequence else "a city in tiles")

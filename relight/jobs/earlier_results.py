@@ -10,7 +10,6 @@ import os
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields, is_dataclass
-from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -117,6 +116,13 @@ def _described_capture(request: "RelightRequest") -> Any:
     return None if found is None else {**_described(found[0]), "name": found[1]}
 
 
+def check_heeded(request: "RelightRequest", heeded: str, problem: str) -> None:
+    """Raise InputError for fields of a request that are neither heeded, which are words of one line, nor as usual."""
+    for each in fields(request):
+        if each.name not in heeded.split() and getattr(request, each.name) != each.default:
+            raise InputError(f"`{each.name}`: {problem}")
+
+
 def is_results(folder: str | os.PathLike[str]) -> bool:
     """Whether a folder holds results."""
     return (Path(folder) / REPORT).is_file()
@@ -140,7 +146,7 @@ def check_results(
     adds = settings is not None and is_results(folder)
     check_output(folder, overwrite or adds, REPORT)
     if settings is not None and adds and not overwrite:
-        Earlier(folder, settings(), overwrite)
+        Earlier(folder, settings())
 
 
 class Earlier:
@@ -247,20 +253,10 @@ def _described_scene(scene: Any) -> Any:
         path = Path(scene)
         meta = path / _SCENE
         if meta.is_file():
-            return {"sha256": _read(meta).get("sha256") or _file_digest(meta)}
-        return {"sha256": _file_digest(path)} if path.is_file() else {}
+            return {"sha256": _read(meta).get("sha256") or sha256_of(meta)}
+        return {"sha256": sha256_of(path)} if path.is_file() else {}
     scene = as_scene(scene)
     return {"sha256": _digest(np.asarray(getattr(scene, name)) for name in _ARRAYS)}
-
-
-def _file_digest(path: Path) -> str:
-    state = os.stat(path)
-    return _digest_of_state(path, state.st_size, state.st_mtime_ns)
-
-
-@lru_cache(maxsize=64)  # of every angle the same
-def _digest_of_state(path: Path, size: int, time_ns: int) -> str:
-    return sha256_of(path)
 
 
 def _digest(arrays: Iterable[np.ndarray[Any, Any]]) -> str:

@@ -5,7 +5,6 @@ import shutil
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +28,7 @@ from ..output.kinds import FILES
 from ..quick.look import CapturedDay, FirstLook
 from ..request import RelightRequest
 from ..splats import write_relit_ply
-from .earlier_results import FIRST_LOOK, REPORT, check_results, is_first_look
+from .earlier_results import FIRST_LOOK, REPORT, check_heeded, check_results, is_first_look
 
 RELIT = "relit"
 """Folder of results in that of a scene."""
@@ -73,8 +72,8 @@ def looks_aside(folder: Path) -> Iterator[None]:
             aside.rename(folder)
 
 
-HEEDED = {"scene", "env", "lighting", "angles_deg", "sun", "at", "north_deg", "albedo", "capture_env", "exposure_ev"}
-HEEDED |= {"formats", "caching", "meshing", "output", "overwrite", "quick"}
+HEEDED = "scene env lighting angles_deg sun at north_deg albedo capture_env exposure_ev formats caching meshing output"
+HEEDED += " overwrite quick"
 """Fields of a request that a first look obeys, or that change nothing in it."""
 
 
@@ -82,9 +81,7 @@ def refuse(request: RelightRequest) -> None:
     """Raise InputError for a request whose quick result there is not."""
     if not _plain(request):
         raise InputError("`quick`: it shows a splat under an environment, without lamps, objects or moving things")
-    for each in fields(request):
-        if each.name not in HEEDED and getattr(request, each.name) != each.default:
-            raise InputError(f"`{each.name}`: a first look does not heed it; leave out `quick`")
+    check_heeded(request, HEEDED, "a first look does not heed it; leave out `quick`")
     if "captured_light" in request.lighting.said:
         raise InputError("`captured_light`: a first look has no folder of a scene; leave out `quick`")
     if not {*(request.formats or ())} <= {"png", "splat"}:
@@ -108,12 +105,22 @@ def write_first_looks(
     folders: of each light and angle. Returns the reports. Raises InputError for a capture that has no first look.
     """
     started, reports = time.monotonic(), []
+    source, files = Path(os.fspath(request.scene)), [FILES["png"], *[FILES["splat"]] * splat]  # type: ignore[arg-type]
     with stages.stage("first look"):
         day = _day_of(request, capture)
         for folder, light, angle in folders:
             environment, look = _under(day, request, light, angle)
-            reports.append(_report(request, environment.name, angle, look, time.monotonic() - started))
-            _write(folder, reports[-1], look, request, splat)
+            report: dict[str, Any] = {"version": VERSION, "state": FIRST_LOOK, "scene": str(request.scene)}
+            report |= {"environment": {"name": environment.name}, "angle_deg": angle, "exposure": look.exposure}
+            report |= {"seconds": {"first look": round(time.monotonic() - started, 2)}, "files": files}
+            check_results(folder, request.overwrite)
+            with staged_folder(folder, True, REPORT, keep=True) as staging:
+                write_png(staging / FILES["png"], look.picture)
+                if splat:
+                    own = source if source.suffix.lower() == ".ply" else None
+                    write_relit_ply(staging / FILES["splat"], look.splats, own)
+                (staging / REPORT).write_text(text_of(report), encoding="utf-8")
+            reports.append(report)
     return reports
 
 
@@ -139,28 +146,3 @@ def _under(day: CapturedDay, request: RelightRequest, light: Any, angle: float) 
     """A light, turned, and the first look in it."""
     environment = light_of(light).rotated(angle)
     return environment, day.under(environment, None if request.exposure_ev is None else 2.0**request.exposure_ev)
-
-
-def _report(request: RelightRequest, light: str, angle: float, look: FirstLook, seconds: float) -> dict[str, Any]:
-    return {
-        "version": VERSION,
-        "state": FIRST_LOOK,
-        "scene": str(request.scene),
-        "environment": {"name": light},
-        "angle_deg": angle,
-        "exposure": look.exposure,
-        "seconds": {"first look": round(seconds, 2)},
-        "files": [],
-    }
-
-
-def _write(folder: Path, report: dict[str, Any], look: FirstLook, request: RelightRequest, splat: bool) -> None:
-    check_results(folder, request.overwrite)
-    with staged_folder(folder, True, REPORT, keep=True) as staging:
-        write_png(staging / FILES["png"], look.picture)
-        report["files"].append(FILES["png"])
-        if splat:
-            source = Path(os.fspath(request.scene))  # type: ignore[arg-type]
-            write_relit_ply(staging / FILES["splat"], look.splats, source if source.suffix.lower() == ".ply" else None)
-            report["files"].append(FILES["splat"])
-        (staging / REPORT).write_text(text_of(report), encoding="utf-8")

@@ -23,6 +23,7 @@ from splat2mesh.layout import is_layout
 from ..animation.film import joined
 from ..light.daylight import DaylightRequest
 from ..light.environment import Environment
+from ..light.loading import light_of
 from ..output.kinds import FILES, SHEET
 from ..request import AnyLight, RelightRequest
 from ..splats.kept_parts import with_files
@@ -78,7 +79,11 @@ def relight_files(request: RelightRequest, stages: Stages | None = None) -> Reli
     if request.quick:
         refuse(request)
     if is_city(request):
-        return _relit_city(request, stages)
+        from ..tiles.city import relight_city
+
+        report = relight_city(request, stages=stages)
+        lines = [f"{report['output']}: {report['vertices']:,} vertices in {report['tiles']} tiles"]
+        return RelitFiles([Path(report["output"])], [report], notes=lines)
     with recorded_warnings() as messages:
         if request.quick:
             return _first_looks(request, stages)
@@ -123,7 +128,7 @@ def _first_looks(request: RelightRequest, stages: Stages) -> RelitFiles:
     capture = capture_of(request.scene, request.meshing, stages)
     splat = request.formats is None or "splat" in request.formats
     try:
-        reports = write_first_looks(request, capture, _with_lights(folders, lights, request), stages, splat)
+        reports = write_first_looks(request, capture, _work(folders, lights, request), stages, splat)
     except InputError as error:
         raise InputError(f"`quick`: {request.scene}: {error}") from error
     found = RelitFiles(folders, reports)
@@ -150,7 +155,7 @@ def _look_ahead(request: RelightRequest, stages: Stages) -> tuple[Capture | None
     if is_results(folder) and not is_first_look(folder):
         return capture, None  # final results are replaced by final ones
     with contextlib.suppress(InputError):  # a closed room is shown when it is meshed
-        write_first_looks(request, capture, _with_lights([folder], lights, request), stages, False)
+        write_first_looks(request, capture, _work([folder], lights, request), stages, False)
         stages.notify(f"{folder / FILES['png']}: a first look; meshing goes on, and the final picture replaces it")
     return capture, folder
 
@@ -163,9 +168,8 @@ def splat_to_mesh(request: RelightRequest) -> str | os.PathLike[str] | None:
     return scene if existing_scene(scene, request.meshing) is None else None
 
 
-def _with_lights(
-    folders: list[Path], lights: list[AnyLight], request: RelightRequest
-) -> list[tuple[Path, AnyLight, float]]:
+def _work(folders: list[Path], lights: list[AnyLight], request: RelightRequest) -> list[tuple[Path, Any, float]]:
+    """Each folder with its light and angle."""
     return [(folder, *each) for folder, each in zip(folders, product(lights, request.angles_deg), strict=False)]
 
 
@@ -217,6 +221,23 @@ def lights_of(request: RelightRequest) -> list[AnyLight]:
     return found
 
 
+def turned_about(request: RelightRequest, axis: tuple[float, float, float] | None) -> RelightRequest:
+    """Return the request with its one angle about an axis (3,) of the scene frame, right-handed.
+
+    About the vertical only the angle can change; about another axis the lights do. None is the vertical. Raises
+    InputError for the sky of a date, and for lights that cannot be read.
+    """
+    angle = request.angles_deg[0]
+    if axis is None or angle % 360.0 == 0.0:
+        return request
+    if axis[0] == axis[2] == 0.0:
+        return request if axis[1] > 0.0 else replace(request, angles_deg=(-angle % 360.0,))
+    lights = lights_of(request)
+    if any(isinstance(each, DaylightRequest) for each in lights):
+        raise InputError("--rotate: the sky of a date turns about the vertical alone; leave the axis out")
+    return replace(request, env=[light_of(each).turned_about(axis, angle) for each in lights], angles_deg=(0.0,))
+
+
 def first_light(request: RelightRequest) -> AnyLight:
     """Return the light of a request, the first of a folder or of a day. Raises InputError for several."""
     _ = request.light
@@ -239,8 +260,8 @@ def output_folders(request: RelightRequest, lights: list[AnyLight]) -> list[Path
     if output is not None and len(angles) == len(lights) == 1:
         folders = [Path(output)]
     else:
-        parent = Path(output) if output is not None else _default_parent(request.scene)
-        folders = [parent / f"{_name(light)}_{_plain(angle)}" for light in lights for angle in angles]
+        parent = _default_parent(request.scene) if output is None else Path(output)
+        folders = [parent / _name(light, angle) for light in lights for angle in angles]
     beside = [] if request.day else lights
     for folder, (light, angle) in zip(folders, product(lights, angles), strict=True):
         if folders.count(folder) > 1:
@@ -255,7 +276,7 @@ def output_folders(request: RelightRequest, lights: list[AnyLight]) -> list[Path
 
 
 def _relit_sequence(request: RelightRequest, stages: Stages, messages: list[str]) -> RelitFiles:
-    sequence = SplatSequence.of(request, stages)
+    sequence = SplatSequence(request, stages)
     lights = lights_of(sequence.request)
     folders, each = output_folders(sequence.request, lights), len(request.angles_deg)
     work = [(light, folders[number * each : (number + 1) * each]) for number, light in enumerate(lights)]
@@ -272,7 +293,8 @@ def _relit(
     if request.clear_cache:
         job.known.relighter.cache.clear()
     if request.day and request.exposure_ev is None:
-        request = replace(request, exposure_ev=_exposure_of_day(request, job))
+        brightest = max(request.times, key=lambda each: each.environment().mean_luminance)
+        request = replace(request, exposure_ev=math.log2(next(job.under(brightest).shaded()).exposure))
         job = Job(request.under(lights[0]), known=job.known)
     writer = Writer(job, messages, [] if request.day else lights)
     if request.animated:
@@ -287,8 +309,8 @@ def _relit(
     sheet = writer.write_sheet(folders[0].parent) if request.sheet and len(folders) > 1 else None
     film = None
     if request.day and "png" in writer.job.inputs.formats:
-        film, note = _film_of_day(folders, request)
-        notes = notes + [note] * bool(note)
+        note = joined([folder / FILES["png"] for folder in folders], folders[0].parent / DAY_FILM, request.fps)
+        film, notes = None if note else folders[0].parent / DAY_FILM, notes + [note] * bool(note)
     return RelitFiles(folders, reports, sheet, notes, writer.job, film)
 
 
@@ -307,27 +329,6 @@ def _written(
     return writer, reports
 
 
-def _exposure_of_day(request: RelightRequest, job: Job) -> float:
-    """Exposure of all times of a day in stops: that of the brightest time."""
-    brightest = max(request.times, key=lambda each: each.environment().mean_luminance)
-    return math.log2(next(job.under(brightest).shaded()).exposure)
-
-
-def _film_of_day(folders: list[Path], request: RelightRequest) -> tuple[Path | None, str]:
-    """Join the pictures of a day: the film's path, or None and the reason."""
-    target = folders[0].parent / DAY_FILM
-    note = joined([folder / FILES["png"] for folder in folders], target, request.fps)
-    return None if note else target, note
-
-
-def _relit_city(request: RelightRequest, stages: Stages) -> RelitFiles:
-    from ..tiles.city import relight_city
-
-    report = relight_city(request, stages=stages)
-    lines = [f"{report['output']}: {report['vertices']:,} vertices in {report['tiles']} tiles"]
-    return RelitFiles([Path(report["output"])], [report], notes=lines)
-
-
 def _default_parent(scene: object) -> Path:
     """The folder for the folders of lights: in a scene folder, or beside a mesh in the current folder."""
     if not isinstance(scene, (str, os.PathLike)):
@@ -336,13 +337,10 @@ def _default_parent(scene: object) -> Path:
     return Path(f"{source.stem}_relit") if source.is_file() else source / RELIT
 
 
-def _name(light: AnyLight) -> str:
-    """The name of a light in the name of a folder: that of its file or of its sky, in any case."""
+def _name(light: AnyLight, angle_deg: float) -> str:
+    """The name of a folder: that of a light's file or of its sky, in any case, and the angle: sunset_45."""
     if isinstance(light, (Environment, DaylightRequest)):
-        return light.name
-    return Path(light).stem if Path(light).exists() else Path(light).stem.lower()
-
-
-def _plain(number: float) -> str:
-    """A number without trailing zeros: 45.0 -> "45"."""
-    return f"{number:.6f}".rstrip("0").rstrip(".")
+        name = light.name
+    else:
+        name = Path(light).stem if Path(light).exists() else Path(light).stem.lower()
+    return f"{name}_" + f"{angle_deg:.6f}".rstrip("0").rstrip(".")

@@ -92,6 +92,17 @@ class Inputs:
                 warnings.warn(message, DataWarning, stacklevel=2)
                 return None
 
+    @property
+    def shown_splats(self) -> Splats | None:
+        """The splats, as captured, where results show them; else None."""
+        return self.splats[0] if self.shows_splats and self.splats is not None else None
+
+    @property
+    def splat_file(self) -> Path | None:
+        """The file that these were read from, where it is one."""
+        found = self.splats if self.shows_splats else None
+        return found[1][0] if found is not None and len(found[1]) == 1 else None
+
     @cached_property
     def formats(self) -> tuple[str, ...]:
         """The outputs for each light, of `output.kinds.FILES`."""
@@ -108,11 +119,6 @@ class Inputs:
         if self.request.capture_env is not None:  # whatever was chosen in the folder of the scene
             lighting = replace(lighting, captured_light=ANEW)
         return lighting.planned(PLACE_TOLERANCE if self.read_scene.is_place else DEFAULT_TOLERANCE)
-
-    @property
-    def from_inside(self) -> bool:
-        """Whether the scene was captured from within."""
-        return self.read_scene.capture.get("from") == "inside"
 
     @cached_property
     def asked_lamps(self) -> list[AskedLamp]:

@@ -7,6 +7,7 @@ job.shaded()            shade
 
 import warnings
 from collections.abc import Iterator
+from copy import copy
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +20,7 @@ from splat2mesh.base.progress import Stages
 from ..engine.appearance import Appearance, albedo_kept
 from ..engine.exposure import level_of
 from ..engine.light_mix import LightKind, LightMix, kind_of
-from ..engine.relighter import Relighter, Shaded, Shading
+from ..engine.relighter import Relighter, Shaded
 from ..engine.relit_room import RelitRoom
 from ..light.daylight import DaylightRequest
 from ..light.environment import Environment
@@ -30,11 +31,10 @@ from ..request import AnyLight, RelightRequest
 from .inputs import Inputs
 from .known_scene import KnownScene
 from .meshing import SceneAtHand
-from .object_surroundings import light_under, surroundings_under
+from .object_surroundings import surroundings_under
 
 if TYPE_CHECKING:
-    from ..insert.inserts import Inserts
-    from ..insert.probe import LightAround
+    from ..engine.placed import LampLight
     from ..planning.plan import Plan
 
 OF_SURFACES = frozenset({"glb", "ply", "npy", "png", "splat"})
@@ -69,13 +69,19 @@ class Job:
 
     def posed(self, relighter: Relighter, look: Appearance) -> "Job":
         """The same job on another pose of its scene: that of a Relighter, with its Appearance there."""
-        other = Job(self.request, known=self.known.posed(relighter, look))
+        known = copy(self.known)
+        known.scene, known.relighter, known.appearance = relighter.scene, relighter, look
+        other = Job(self.request, known=known)
         other._metre = self.mix.scale.metre if self.inputs.asked_lamps else None
         return other
 
     def under_kept_light(self) -> "Job":
-        """The same job as `KnownScene.under_kept_light`."""
-        return Job(self.request, known=self.known.under_kept_light())
+        """The same job under the captured light that the folder of the scene keeps by now."""
+        known, other = self.known, KnownScene(self.inputs)
+        other.scene, other.relighter = known.scene, known.relighter.under_kept_light()
+        if self.inputs.splats is not None:
+            other.binding = known.binding
+        return Job(self.request, known=other)
 
     def begin(self) -> None:
         """As `KnownScene.begin`."""
@@ -107,12 +113,9 @@ class Job:
     @cached_property
     def room(self) -> RelitRoom | None:
         """The closed room that the scene is, or None."""
-        look, options = self.known.appearance, self.inputs.options
-        closed = look.capture is not None and "room" in look.capture
-        room = None
-        if closed:
-            brightness = None if look.capture is None else look.capture["brightness"]
-            room = RelitRoom(look, self.known.relighter, level_of(brightness, self.environment))
+        look, options, room = self.known.appearance, self.inputs.options, None
+        if look.capture is not None and "room" in look.capture:
+            room = RelitRoom(look, self.known.relighter, level_of(look.capture["brightness"], self.environment))
         if isinstance(options.lamps, tuple):
             _ = room.lamp_factors if room else options.lamp_factors(0)  # or an InputError
         elif options.lamps != "keep" and not (room and room.lamps_found):
@@ -140,6 +143,11 @@ class Job:
         asked = self.inputs.options, self.inputs.asked_lamps, self.environment
         relighter, look, exposure_ev = self.known.relighter, self.known.appearance, self.request.exposure_ev
         return LightMix(*asked, relighter, look, self.room, exposure_ev, self._metre)
+
+    @property
+    def lamp_light(self) -> "LampLight | None":
+        """The light of lamps beside every environment, or None."""
+        return self.mix.lamp_light if self.light_kind.adds else None
 
     # plan
 
@@ -173,14 +181,14 @@ class Job:
         _ = self.plan  # for all the angles
         lights = self.lights
         # One light is shaded once. With several, a first pass finds the exposure, which avoids holding all in memory.
-        first = self.shading(lights[0])
+        first = self.mix.alone_under(lights[0])
         if not first.radiance.any() and lights[0].radiance.any() and not self.light_kind.adds:
             message = "no vertex receives any light: the scene is closed, or its faces and normals point inwards"
             warnings.warn(message, DataWarning, stacklevel=2)
         exposure = self.mix.exposure(lights, first.radiance)
         yield self.beside(Shaded(lights[0], first, exposure))
         for light in lights[1:]:
-            yield self.beside(Shaded(light, self.shading(light), exposure))
+            yield self.beside(Shaded(light, self.mix.alone_under(light), exposure))
 
     def let_go(self, shaded: Shaded) -> None:
         """Free the kept bounces, most of the memory, where files need only the light of the surfaces."""
@@ -197,7 +205,7 @@ class Job:
     def lamps_shown(self, light: Environment, exposure: float) -> "PlacedLamps":
         """The lamps beside a light at an exposure, in the frame of the scene and in display values."""
         known = not self.inputs.asked_lamps or self.request.exposure_ev is None
-        radiance = self.known.appearance.captured if known else self.shading(light).radiance
+        radiance = self.known.appearance.captured if known else self.mix.alone_under(light).radiance
         return PlacedLamps(
             self.mix.lamps_shown(light, radiance, exposure), [each.name for each in self.inputs.asked_lamps]
         )
@@ -205,18 +213,13 @@ class Job:
     def beside(self, shaded: Shaded) -> Shaded:
         """What an environment alone shades, with all light beside it and with added objects."""
         shaded = self.mix.mixed(shaded) if self.light_kind.adds else shaded
-        return shaded if self.known.inserts is None else self._with_objects(shaded, self.known.inserts)
-
-    def light_around(self, shaded: Shaded) -> "LightAround":
-        """The skies of one of the lights, and the radiance of captured lamps in it."""
-        return light_under(shaded, self.mix)
-
-    def _with_objects(self, shaded: Shaded, inserts: "Inserts") -> Shaded:
+        if self.known.inserts is None:
+            return shaded
         shading = shaded.shading
         around, received = surroundings_under(shaded, self.mix), shading.received
         if received is None:
             received = self.known.appearance.received(shading.radiance, shaded.exposure)
-        inserted = inserts.under(around, received)
+        inserted = self.known.inserts.under(around, received)
         shading = shading._replace(radiance=shading.radiance * inserted.ratio, received=received)
         return shaded._replace(shading=shading, inserted=inserted)
 
@@ -227,7 +230,7 @@ class Job:
         the environment and captured lamps in a closed room, whose model does not separate paths. captured: from the
         captured light. lamps: from added lamps, bounces included. All but sun sum to the radiance.
         """
-        own, scale, parts = self.shading(shaded.light), np.float32(1.0), {}
+        own, scale, parts = self.mix.alone_under(shaded.light), np.float32(1.0), {}
         if self.light_kind.adds:
             parts, scale = self.mix.parts(self.mix.level(own.radiance)), np.float32(self.mix.env_scale)
         if scale > 0.0 and own.radiance.any():
@@ -240,7 +243,3 @@ class Job:
                 parts |= {} if sun is None else {SUN: np.minimum(albedo * sun, parts["direct"])}
         ratio = 1.0 if shaded.inserted is None else shaded.inserted.ratio
         return {name: np.asarray(part * ratio, np.float32) for name, part in parts.items()}
-
-    def shading(self, light: Environment) -> Shading:
-        """The scene under an environment alone; black for the captured light."""
-        return self.mix.alone_under(light)

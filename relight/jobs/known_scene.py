@@ -2,12 +2,13 @@
 
 from collections.abc import Callable
 from concurrent.futures import CancelledError
-from copy import copy
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from splat2mesh.base.arrays import Mask, Radiance
 from splat2mesh.base.beside import Beside
 from splat2mesh.base.errors import InputError
 from splat2mesh.options import ConvertOptions
@@ -33,8 +34,9 @@ from ..output.picture import in_frame
 from ..request import RelightRequest
 from ..splats import Binding
 from ..splats.closed_floor import closed_floor
+from ..splats.floaters import floaters
 from ..splats.floor_mirror import floor_mirror
-from ..splats.part_spec import Shares, SplatFile
+from ..splats.part_spec import SplatFile
 from ..splats.parts import PartShares
 from ..texture import own_texture
 from ..transfer.receivers import EVERY
@@ -54,20 +56,6 @@ class KnownScene:
     def __init__(self, inputs: Inputs) -> None:
         self.inputs, self._request, self._stages = inputs, inputs.request, inputs.stages
 
-    def posed(self, relighter: Relighter, look: Appearance) -> "KnownScene":
-        """The same where the scene is in another pose: that of a Relighter, with its Appearance there."""
-        other = copy(self)
-        other.scene, other.relighter, other.appearance = relighter.scene, relighter, look
-        return other
-
-    def under_kept_light(self) -> "KnownScene":
-        """The same under the captured light that the folder of the scene keeps by now."""
-        other = KnownScene(self.inputs)
-        other.scene, other.relighter = self.scene, self.relighter.under_kept_light()
-        if self.inputs.splats is not None:
-            other.binding = self.binding
-        return other
-
     @cached_property
     def scene(self) -> Scene:
         """The scene to light, with a mirrored floor closed."""
@@ -83,24 +71,21 @@ class KnownScene:
         _ = self.inserted_meshes  # a broken object fails before any work
         if self.inputs.shows_splats:
             _ = self.inputs.splats  # so does a missing splat
-        _ = self._found_parts  # and a part that is not there
+        _ = self._parts  # and a part that is not there
         _ = self.pass_views
         if "usd" in (self._request.formats or ()):
             from ..output.usd import library
 
             library()  # so is a package
-        alone = self.inputs.shows_splats_alone and not self._all_kept
+        kept = [] if self.cache is None else [each[1:] for each in self.cache.settings_of("bounces")]
+        # Where the cache keeps the light of all vertices, none is left out.
+        all_kept = bool(kept) and all(each == (self._request.lighting.seed, EVERY) for each in kept)
+        alone = self.inputs.shows_splats_alone and not all_kept
         shown = (lambda: self.binding.used) if alone else None
         made = Relighter(self.scene, self.inputs.options, stages=self._stages, cache=self.cache, shown=shown)
         if self.inputs.choice_name == "estimated":
             _ = made.said  # or an InputError
         return made
-
-    @property
-    def _all_kept(self) -> bool:
-        """Whether the cache keeps the light of all vertices, not only of the shown ones."""
-        kept = [] if self.cache is None else [each[1:] for each in self.cache.settings_of("bounces")]
-        return bool(kept) and all(each == (self._request.lighting.seed, EVERY) for each in kept)
 
     @cached_property
     def cache(self) -> Cache | None:
@@ -171,9 +156,7 @@ class KnownScene:
     @property
     def mirrored_floor(self) -> dict[str, Any] | None:
         """The report's entry on a mirrored floor, JSON-clean; None without one."""
-        if not self.inputs.shows_splats or self.inputs.splats is None or self.mirror is None:
-            return None
-        return self.mirror.as_dict()
+        return self.mirror.as_dict() if self.inputs.shows_splats and self.mirror is not None else None
 
     @property
     def part(self) -> PartShares | None:
@@ -187,20 +170,15 @@ class KnownScene:
 
     @cached_property
     def _parts(self) -> list[PartShares]:
-        pairs = zip(self.inputs.asked_parts, self._found_parts, strict=True)
-        return [PartShares.of(asked, self.scene, *(found or (None, None))) for asked, found in pairs]
-
-    @cached_property
-    def _found_parts(self) -> list[tuple[SplatFile, Shares] | None]:
-        """Of each requested part the splats and its shares, without a rim; None where it is known of vertices alone."""
-        found: list[tuple[SplatFile, Shares] | None] = []
+        """The requested parts, as of `Inputs.asked_parts`; without splats of those that are known of vertices alone."""
+        found = []
         for asked in self.inputs.asked_parts:
-            known = None
+            file, shares = None, None
             if (self.inputs.shows_splats or asked.needs_splats) and self.inputs.splats is not None:
                 splats, paths = self.inputs.splats
                 file = SplatFile(splats, paths[0] if len(paths) == 1 else None, self._rows_of_objects)
-                known = file, asked.of_splats(file)
-            found.append(known)
+                shares = asked.of_splats(file)
+            found.append(PartShares.of(asked, self.scene, file, shares))
         return found
 
     def _rows_of_objects(self) -> dict[str, slice]:
@@ -237,6 +215,26 @@ class KnownScene:
         look = self._retinted(appearance_of(self.inputs.choice, known, relighter))
         shut = look.room is not None and look.room.report["windows"] is None
         return look._replace(place=Place.SHUT) if shut else look
+
+    @property
+    def albedo(self) -> Radiance:
+        """(V, 3) linear, white where it is that."""
+        look = self.appearance
+        return np.ones_like(look.captured) if look.albedo is None else look.albedo
+
+    @property
+    def roughness(self) -> NDArray[np.float32] | None:
+        """(V,) as glTF has it; None without gloss."""
+        return None if self.gloss is None else self.gloss.roughness(self.appearance)
+
+    @cached_property
+    def kept_splats(self) -> Mask:
+        """(N,) bool: the splats that are no floaters."""
+        assert self.inputs.shown_splats is not None  # else nobody asks
+        with self._stages.stage("floaters"):
+            kept = np.ones(len(self.inputs.shown_splats), bool)
+            kept[floaters(self.inputs.shown_splats, self.scene)] = False
+            return kept
 
     @property
     def has_appearance(self) -> bool:

@@ -10,7 +10,6 @@ import math
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import cached_property, partial
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +21,6 @@ from splat2mesh.splats.splats import Splats
 from ..engine.appearance import CAPTURE, Appearance, Place
 from ..engine.relighter import Relighter, Shaded
 from ..light.environment import Environment
-from ..output.relit_splats import RelitSource
 from ..request import RelightRequest
 from ..rooms.room_poses import RoomPoses
 from ..splats.carried import CarriedMesh
@@ -32,16 +30,13 @@ from ..splats.parts import blended_splats
 from ..transfer.bounces import Interreflection
 from ..transfer.settings import Settings
 from .job import Job
-from .part_lights import job_of_part, part_lights
-from .writer import Writer
+from .part_lights import PartLights
+from .relit_source import RelitSource
+from .results import Results
 
-
-class PoseLight(NamedTuple):
-    """What light does on a pose. look: its Appearance in the light of the capture. after: (V, 3) irradiance over pi in
-    the new light, at each angle."""
-
-    look: Appearance
-    after: list[NDArray[np.float32]]
+PoseLight = tuple[Appearance, list[NDArray[np.float32]]]
+"""What light does on a pose: its Appearance in the light of the capture, and (V, 3) irradiance over pi in the new one,
+at each angle."""
 
 
 class LitFrames:
@@ -63,24 +58,24 @@ class LitFrames:
     def _parts(self) -> "list[tuple[Shares, LitFrames]]":
         """The frames in the lights of parts that have their own, and the shares of these."""
         found = []
-        for part, asked in zip(part_lights(self._job), self._job.inputs.lit_parts, strict=False):
+        for part in PartLights(self._job).lit:
             assert part.shares.splats is not None  # of a sequence
             lit = [part.under(shaded) for shaded in self._shaded]
-            whole = job_of_part(self._job, asked, self._shaded[0])
-            found.append((part.shares.splats, LitFrames(self._request, whole, lit)))
+            found.append((part.shares.splats, LitFrames(self._request, part.whole(self._shaded[0]), lit)))
         return found
 
     def picture(self, relit: Splats, shaded: Shaded) -> NDArray[np.uint8]:
         """The picture, (H, W, 3) sRGB, of a relit frame at an angle."""
-        return self._writer.picture(relit, shaded)
+        with self._job.stages.stage("preview"):
+            return self._results.painted(relit, shaded)
 
     @cached_property
-    def _writer(self) -> Writer:
-        return Writer(self._job)
+    def _results(self) -> Results:
+        return Results(self._job)
 
     @property
     def _source(self) -> RelitSource:
-        return self._writer.source
+        return self._results.relit
 
     def _at_rest(self, frame: SplatFrame, splats: Splats) -> Iterator[Splats]:
         return map(self._source.of_frame(splats, frame.path).relit, self._shaded)
@@ -88,10 +83,10 @@ class LitFrames:
     def _moving(self, frame: SplatFrame, splats: Splats) -> Iterator[Splats]:
         """On the mesh of the first frame, as the splats carry it."""
         mesh = self._carried.at(splats)
-        pose = self._pose_light(self._still.posed(mesh.scene(self._still.scene), self._settings))
-        binding = self._job.known.binding.posed(splats, mesh, pose.look.captured)
-        source, lights = self._source.of_frame(splats, frame.path, binding, pose.look), (pose.after, self._first.after)
-        for shaded, usual, now, still in zip(self._shaded, self._usual, *lights, strict=True):
+        look, after = self._pose_light(self._still.posed(mesh.scene(self._still.scene), self._settings))
+        binding = self._job.known.binding.posed(splats, mesh, look.captured)
+        source, still_lit = self._source.of_frame(splats, frame.path, binding, look), self._first[1]
+        for shaded, usual, now, still in zip(self._shaded, self._usual, after, still_lit, strict=True):
             light = _moved(self._source.received(shaded.shading), now, still)
             yield source.relit(shaded._replace(shading=shaded.shading._replace(received=light)), usual)
 
@@ -133,8 +128,8 @@ class LitFrames:
             change = np.divide(before, look.irradiance, out=np.ones_like(before), where=look.irradiance > 0.0)
             look = look._replace(irradiance=before, captured=look.captured * change)
         job = self._job.posed(relighter, look)
-        lit = [job.beside(Shaded(each.light, job.shading(each.light), each.exposure)) for each in self._shaded]
-        return PoseLight(look, [self._source.received(each.shading) for each in lit])
+        lit = [job.beside(Shaded(each.light, job.mix.alone_under(each.light), each.exposure)) for each in self._shaded]
+        return look, [self._source.received(each.shading) for each in lit]
 
     @cached_property
     def _captured_still(self) -> NDArray[np.float32]:
@@ -164,8 +159,8 @@ class LitFrames:
             caching="none",
             clear_cache=False,
         )
-        writer = Writer(Job(own.under(self._job.request.light), stages))
-        return map(writer.relit_splats, writer.job.shaded())
+        job = Job(own.under(self._job.request.light), stages)
+        return map(Results(job).relit.relit, job.shaded())
 
 
 def _bounces(relighter: Relighter) -> Interreflection:

@@ -113,7 +113,12 @@ def existing_scene(
     folder = folder or Path(default_folder(splat))
     if not os.path.lexists(folder) or (folder.is_dir() and first_looks_alone(folder)):
         return None
-    scene = _checked_scene(folder, Path(splat))
+    advice = f"mesh it under another name: splat2mesh {splat} -o NAME; then relight NAME"
+    if not is_scene(folder):
+        raise InputError(f"{folder} exists and is not a scene folder: {advice}")
+    scene = Scene.load(folder)
+    if scene.source.get("sha256") != fingerprint(splat, scene.source.get("lod", "auto")):
+        raise InputError(f"{folder} is the scene of another splat, or of an older one: {advice}")
     for name in changed_fields(options):
         if name in _UNRECORDED or scene.settings.get(_SETTINGS.get(name, name)) != getattr(options, name):
             raise InputError(
@@ -129,15 +134,3 @@ def refuse_meshing(scene: object, options: ConvertOptions) -> None:
         raise InputError(
             f"`{name}`: it applies to meshing a splat, and {scene} is already a mesh; give it to splat2mesh"
         )
-
-
-def _checked_scene(folder: Path, splat: Path) -> Scene:
-    """Return the scene of a folder. Raises InputError unless it is the scene of this splat as it is now."""
-    advice = f"mesh it under another name: splat2mesh {splat} -o NAME; then relight NAME"
-    if not (folder / META).is_file():
-        raise InputError(f"{folder} exists and is not a scene folder: {advice}")
-    scene = Scene.load(folder)
-    same = scene.source.get("sha256") == fingerprint(splat, scene.source.get("lod", "auto"))
-    if not same:
-        raise InputError(f"{folder} is the scene of another splat, or of an older one: {advice}")
-    return scene

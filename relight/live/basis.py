@@ -1,24 +1,35 @@
-"""Responses as a few numbers each: only what usual lights distinguish.
+"""Responses as a few numbers each: only what usual lights distinguish, compressed within a tolerance.
 
 The second moment of usual lights, turned by all angles about the vertical, weights the rows: light comes from above and
 from the horizon, and varies slowly. A part of the moment is even in all directions of a band, for unusual lights.
 """
 
-from typing import NamedTuple
+import warnings
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from splat2mesh.base.arrays import Floats
-from splat2mesh.base.threads import in_batches
+from splat2mesh.base.arrays import Floats, Radiance
+from splat2mesh.base.errors import DataWarning
+from splat2mesh.base.threads import ROWS_AT_ONCE, in_batches
+from splat2mesh.scene.color import luminance
+from splat2mesh.splats.splats import SH_C0, Splats
 
 from ..light.environment import Environment
 from ..light.skies import BUILTIN
+from ..planning.effect_errors import QUARTERS
 from ..sh import harmonics
+from ..splats.binding import Binding
+from ..splats.light_ratio import CURVE_OFFSET, CURVE_POWER
 from ..splats.mirrored_places import Mix
-from .compression import Compressed, principal
-from .lights import light_of
-from .response import BANDS, COEFFICIENTS, LAMPS, SPREAD_BANDS, light_vector, turned
+from .compression import WEIGHTS, Compressed, compress, near_clusters, principal
+from .lights import PortableLight, light_of
+from .response import BANDS, COEFFICIENTS, LAMPS, SPREAD_BANDS, Response, light_vector, turned
+
+if TYPE_CHECKING:
+    from ..engine.appearance import Appearance
 
 DIRECTIONS = 48
 """Numbers per response. Their error is a tenth of the error of the bytes."""
@@ -131,3 +142,77 @@ def packed(basis: Basis, found: Compressed) -> Packed:
 
 def _peak(values: Floats, largest: float) -> Floats:
     return np.maximum(np.abs(values).max(axis=-1), 1e-20) / largest
+
+
+class LitRows(NamedTuple):
+    """Responses of the lit splats. rows: (N, D) float32, of a basis. counts: (N,) the visual weight of their errors.
+    every, truth: one row in so many, and its light ratio (S, T, 3) under lights of vectors (T, K, 3)."""
+
+    rows: NDArray[np.float32]
+    basis: Basis
+    counts: Floats
+    every: slice
+    vectors: NDArray[np.float32]
+    truth: Floats
+
+    def compressed(self, tolerance: float, seed: int) -> tuple[Compressed, list[dict[str, float]]]:
+        """The fewest WEIGHTS within the tolerance, else the most; and a list of dicts with the bytes and error of each
+        choice tried."""
+        rows, counts, truth = self.rows, self.counts, self.truth
+        base, small = self.basis.colors(self.vectors)
+        size = np.sqrt(np.square(truth).mean(axis=(0, 2)))
+        tried: list[dict[str, float]] = []
+        near = near_clusters(rows, seed)
+        for weights in WEIGHTS:
+            found = compress(rows, counts, weights, near)
+            off = base + np.einsum("nd,dtc->ntc", found.rows(self.every), small, optimize=True) - truth
+            error = float((np.sqrt(np.square(off).mean(axis=(0, 2))) / np.where(size > 0.0, size, 1.0)).max())
+            tried.append({"bytes": 2 + weights, "clusters": len(found.means), "error": error})
+            if error <= tolerance:
+                break
+        else:
+            message = f"the largest transfer leaves an error of {error:.3f}, {tolerance:g} was requested"
+            warnings.warn(message, DataWarning, stacklevel=3)
+        return found, tried
+
+
+def lit_rows(
+    binding: Binding,
+    response: Response,
+    splats: Splats,
+    look: "Appearance",
+    shares: Floats,
+    lights: Sequence[PortableLight],
+) -> LitRows:
+    """Return the LitRows of a capture. shares: (V,) areas. lights: those that show the errors of bytes."""
+    brightness = 1.0 if look.capture is None else float(look.capture["brightness"])
+    even = np.sqrt(4.0 * np.pi) * (response.values[:, 0] + response.values[:, BANDS**2])  # under a constant sky
+    even = np.maximum(brightness * even + response.values[:, LAMPS], np.float32(1e-3))
+    moment = usual_moment(brightness)
+    rows, basis = reduced(response.values, shares * _visible_error(even, look.captured), moment)
+    mix, parts = basis.by_color(moment), 4 if binding.mirrored is None else 1
+    # Parts save memory; colours of a row are in all of it.
+    rows = np.concatenate([binding.spread(part, mix) for part in np.array_split(rows, parts, axis=1)], axis=1)
+    lit = splats if binding.lit.all() else splats.take(binding.lit)
+    color = np.clip(SH_C0 * lit.sh[:, 0] + 0.5, 0.0, 1.0)
+    counts = _visible_error(binding.spread(even), color, lit.opacities).astype(np.float32)
+    every, vectors = slice(None, None, -(-len(rows) // ROWS_AT_ONCE)), _turned_vectors(lights)
+    truth = np.einsum("vkc,tkc->vtc", response.values, vectors, optimize=True)
+    truth = np.stack([binding.spread(each)[every] for each in np.moveaxis(truth, 1, 0)], axis=1)
+    return LitRows(rows, basis, counts, every, vectors, truth)
+
+
+def _visible_error(ratio: Radiance, color: Radiance, opacity: Floats | float = 1.0) -> Floats:
+    """Weight of a squared error of the ratio, (N,)."""
+    ratio = luminance(np.maximum(ratio, 1e-3))
+    return opacity * ((luminance(color) + CURVE_OFFSET) * ratio ** (1.0 / CURVE_POWER - 1.0)) ** 2
+
+
+def _turned_vectors(lights: Sequence[PortableLight]) -> NDArray[np.float32]:
+    """The vectors of lights in every quarter turn, (T, COEFFICIENTS, 3) float32."""
+    vectors = []
+    for light in lights:
+        for angle in 360.0 * np.arange(QUARTERS) / QUARTERS:
+            rest, whole = (light.exposure * turned(each, angle) for each in (light.rest, light.whole))
+            vectors.append(light_vector(rest, whole, light.lamps))
+    return np.stack(vectors).astype(np.float32)

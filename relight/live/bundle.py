@@ -9,13 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Faces
-from splat2mesh.base.outputs import staged_file
 from splat2mesh.base.version import VERSION
 from splat2mesh.scene.folder import sha256_of
 from splat2mesh.scene.glb import Glb
 from splat2mesh.scene.mesh import vertex_normals
 from splat2mesh.splats.formats import write_splats
-from splat2mesh.splats.splats import Splats
 
 from .ground import FILE as GROUND_FILE
 from .lights import IMAGE, OfferedLight, rgbe
@@ -25,12 +23,10 @@ from .parts import FILE as PARTS_FILE
 from .response import BANDS, SPREAD_BANDS
 from .shine import FILE as GLOSS_FILE
 from .surface import OWN_STEPS
-from .terms import CAPTURED
 
 if TYPE_CHECKING:
     from .lights import PortableLight
     from .live import Live
-    from .objects import LiveObjects
 
 FORMAT, FORMAT_VERSION = "relight-live", 1
 
@@ -50,7 +46,8 @@ def write_bundle(folder: str | os.PathLike[str], live: "Live", exact: bool = Tru
     for name in splats:
         write_splats(folder / name, live.splats, name.removeprefix("splat."))
     contents = {name: content for name, content in _contents(live).items() if content is not None}
-    moved = {} if live.objects is None else _splats_of(live.objects)
+    movable = () if live.objects is None else live.objects.movable
+    moved = {each.file_of_splats(k): each.splats for k, each in enumerate(movable) if each.splats is not None}
     lights: dict[str, PortableLight | OfferedLight] = dict(zip(light_files(live), live.lights, strict=True))
     lights |= dict(zip(offered_files(live), live.offered, strict=True))
     for name, content in contents.items():
@@ -60,7 +57,7 @@ def write_bundle(folder: str | os.PathLike[str], live: "Live", exact: bool = Tru
     for name, light in lights.items():
         (folder / name).parent.mkdir(exist_ok=True)
         (folder / name).write_bytes(rgbe(light.image).tobytes())
-    write_proxy(folder / "proxy.glb", *live.proxy)
+    (folder / "proxy.glb").write_bytes(proxy_glb(*live.proxy))
     entries = [{"file": name, "sha256": sha256_of(folder / name), "count": len(live.splats)} for name in splats]
     (folder / META).write_text(json.dumps(described(live, entries), indent=1) + "\n", encoding="utf-8")
     return [META, *splats, *contents, *moved, *lights, "proxy.glb"]
@@ -85,12 +82,6 @@ def _contents(live: "Live") -> dict[str, bytes | None]:
     }
 
 
-def _splats_of(objects: "LiveObjects") -> dict[str, Splats]:
-    """The splats of each object that is of splats, by the name of their file."""
-    named = ((each.file_of_splats(number), each.splats) for number, each in enumerate(objects.movable))
-    return {name: splats for name, splats in named if splats is not None}
-
-
 def described(live: "Live", splats: list[dict[str, Any]]) -> dict[str, Any]:
     """Content of live.json: dict, JSON-clean. splats: list of dicts of file, sha256 and count."""
     clusters, weights, directions = live.basis.components.shape
@@ -101,15 +92,8 @@ def described(live: "Live", splats: list[dict[str, Any]]) -> dict[str, Any]:
         "count": len(live.splats),
         "order": "row i = splat i",
         "splats": splats,
-        "source": live.source,
-        "frame": {"scene_from_splat": live.frame.tolist(), "up": "+y", "middle": live.middle.tolist()},
-        "camera": live.camera,
-        "transfer": {
-            "file": "transfer.bin",
-            "bytes": 2 + weights,
-            "weights": weights,
-            "errors": live.errors,
-        },
+        **{name: live.facts[name] for name in ("source", "frame", "camera")},
+        "transfer": {"file": "transfer.bin", "bytes": 2 + weights, "weights": weights, "errors": live.errors},
         "basis": {
             "file": "basis.bin",
             "clusters": clusters,
@@ -126,9 +110,7 @@ def described(live: "Live", splats: list[dict[str, Any]]) -> dict[str, Any]:
             "own": live.surfaces.own.tolist(),
             "own_steps": OWN_STEPS,
         },
-        "mean": live.mean.tolist(),
-        "brightness": live.brightness,
-        "lamps": live.lamps,
+        **{name: live.facts[name] for name in ("mean", "brightness", "lamps")},
         **({"terms": [term.described() for term in live.terms]} if live.terms else {}),
         **({} if live.gloss is None else {"gloss": live.gloss.described()}),
         **({} if live.ground is None else {"ground": live.ground.described()}),
@@ -146,23 +128,16 @@ def described(live: "Live", splats: list[dict[str, Any]]) -> dict[str, Any]:
                 "rest": light.rest.tolist(),
                 "whole": light.whole[: SPREAD_BANDS**2].tolist(),
                 "suns": [
-                    {"direction": direction, "weight": weight}
-                    for direction, weight in zip(
-                        light.suns.directions.tolist(), light.suns.weights.tolist(), strict=True
-                    )
+                    {"direction": each.tolist(), "weight": weight.tolist()}
+                    for each, weight in zip(light.suns.directions, light.suns.weights, strict=True)
                 ],
             }
-            | (_beside(light) if live.terms else {})
+            | ({"captured": light.captured, "unit": light.unit, "sky": light.sky} if live.terms else {})
             for file, light in zip(light_files(live), live.lights, strict=True)
         ],
         **({"offered": [*map(OfferedLight.described, live.offered, offered_files(live))]} if live.offered else {}),
         "proxy": {"file": "proxy.glb", "vertices": len(live.proxy[0]), "faces": len(live.proxy[1])},
     }
-
-
-def _beside(light: "PortableLight") -> dict[str, Any]:
-    """The terms beside a light at the start."""
-    return {"captured": light.captured, "unit": light.unit, "sky": CAPTURED if light.keeps_sky else "own"}
 
 
 def light_files(live: "Live") -> list[str]:
@@ -175,15 +150,9 @@ def offered_files(live: "Live") -> list[str]:
     return [f"lights/offered{number}.rgbe" for number in range(len(live.offered))]
 
 
-def write_proxy(path: Path, vertices: NDArray[np.float32], faces: Faces) -> None:
-    """Write the mesh under the splats, which occludes suns, blocks a walker and receives shadows: (V, 3) float32 in the
-    scene frame and (F, 3), as one node of a binary glTF, with normals."""
-    with staged_file(path) as staging:
-        staging.write_bytes(proxy_glb(vertices, faces))
-
-
 def proxy_glb(vertices: NDArray[np.float32], faces: Faces, normals: bool = True) -> bytes:
-    """The bytes of that file. normals: whether it has them."""
+    """The mesh under the splats, which occludes suns, blocks a walker and receives shadows: (V, 3) float32 in the scene
+    frame and (F, 3), as one node of a binary glTF. normals: whether it has them."""
     file = Glb("relight")
     attributes = {"POSITION": file.positions(vertices)}
     if normals:

@@ -35,7 +35,7 @@ class PortableLight(NamedTuple):
     (K, 3) float64 coefficients about +y without and with the suns. suns: Suns. exposure: display value per radiance.
     mean: its mean luminance. lamps: factor on the lamps of a room. name: as shown. captured: factor on the
     captured light beside it. unit: display value per unit of the picture, of placed lamps and captured light.
-    keeps_sky: whether far background shows the captured light instead of this one.
+    sky: the light that far background shows, "own" or CAPTURED.
     """
 
     name: str
@@ -48,7 +48,7 @@ class PortableLight(NamedTuple):
     lamps: float = 0.0
     captured: float = 0.0
     unit: float = 1.0
-    keeps_sky: bool = False
+    sky: str = "own"
 
     def times(self, factor: float) -> "PortableLight":
         """The light times a factor, lamps of a room included."""
@@ -64,7 +64,7 @@ def captured_alone(factor: float, unit: float = 1.0) -> PortableLight:
     nothing = np.zeros((BANDS**2, 3))
     image = np.zeros((*IMAGE, 3), np.float32)
     light = PortableLight(CAPTURED, image, nothing, nothing, Suns.none(), exposure=1.0, mean=0.0)
-    return light._replace(captured=float(factor), unit=float(unit), keeps_sky=True)
+    return light._replace(captured=float(factor), unit=float(unit), sky=CAPTURED)
 
 
 def light_of(environment: Environment, exposure: float, lamps: float = 0.0) -> PortableLight:

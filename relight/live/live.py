@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from splat2mesh.base.arrays import Faces, Floats, Indices, Matrix4, Points
+from splat2mesh.base.arrays import Faces, Floats, Indices, Points
 from splat2mesh.base.choices import DEFAULT_VERTICES
 from splat2mesh.base.errors import InputError
 from splat2mesh.scene.scene import Scene
@@ -15,18 +15,16 @@ from splat2mesh.splats.splats import SOLID, Splats
 from splat2mesh.surface.decimate import decimate
 from splat2mesh.views.viewpoints import FEW, box_of
 
-from ..light.environment import Environment
 from ..options import PLACE_TOLERANCE
 from ..splats.binding import Binding
 from ..splats.sky import shown_as_sky
-from .basis import Packed, packed
+from .basis import Packed, lit_rows, packed
 from .compression import Compressed
 from .ground import ShadowedGround
-from .lights import OfferedLight, PortableLight, capture_light, light_of
+from .lights import OfferedLight, PortableLight, capture_light
 from .objects import LiveObjects
 from .parts import LiveParts
 from .response import BANDS, COEFFICIENTS, SPREAD_BANDS, Response, assumed_response, response_of
-from .rows import CapturedColors, lit_rows, turned_vectors
 from .shine import BundleRows, Shine, shine_of
 from .surface import LIT, SKY, UNLIT, Surfaces, surfaces
 from .terms import Source, Term, term_of
@@ -45,13 +43,10 @@ FIRST_FOV_DEG = 60.0
 
 class Live(NamedTuple):
     """splats: Splats, in the order of the bundle. order: (N,) their rows in the source. transfer: (N, 2 + W) uint8.
-    basis: Packed. surfaces: Surfaces. lights: list of PortableLight. mean: of Response.
-    proxy: (vertices, faces) in the scene frame. frame: (4, 4) scene_from_splat. errors: dict of bytes per splat and
-    relative error of the choices tried. brightness: of the capture, None where unknown. middle: (3,)
-    viewpoint of the sky, splat frame. source: dict of file and sha256. camera: dict of position, target, fov in
-    degrees, the first view, scene frame; for an object also bounds, the box of the capture, which the page fits into
-    its window. lamps: factor on the lamps of a room, or None. terms: list of Term. gloss: Shine of the glossy splats,
-    or None. objects: inserted objects, or None. ground: under an object, or None. offered: likely lights of the
+    basis: Packed. surfaces: Surfaces. lights: list of PortableLight. proxy: (vertices, faces) in the scene frame.
+    errors: dict of bytes per splat and relative error of the choices tried. facts: entries of live.json as they are
+    (docs/live.md): source, frame, camera, mean, brightness, lamps. terms: list of Term. gloss: Shine of the glossy
+    splats, or None. objects: inserted objects, or None. ground: under an object, or None. offered: likely lights of the
     capture, that a hand may set. parts: what is lit apart, or None.
     """
 
@@ -61,15 +56,9 @@ class Live(NamedTuple):
     basis: Packed
     surfaces: Surfaces
     lights: list[PortableLight]
-    mean: NDArray[np.float64]
     proxy: tuple[NDArray[np.float32], Faces]
-    frame: Matrix4
     errors: list[dict[str, float]]
-    brightness: float | None
-    middle: NDArray[np.float64]
-    source: dict[str, str]
-    camera: dict[str, Any]
-    lamps: float | None = None
+    facts: dict[str, Any]
     terms: Sequence[Term] = ()
     gloss: Shine | None = None
     objects: LiveObjects | None = None
@@ -106,70 +95,62 @@ class LiveScene:
         return room.lamp_factor
 
 
-class LiveSettings(NamedTuple):
-    """tolerance: relative error of the light that the bytes may add: .03 is 1.3% of a display value. sky: of
-    `splats.SKIES`. seed: of all that is sampled."""
-
-    tolerance: float = PLACE_TOLERANCE
-    sky: str = "new"
-    seed: int = 0
-
-
-DEFAULTS = LiveSettings()
-
-
 def live_of(
     shown: LiveScene,
-    environments: Sequence[tuple[Environment, float] | tuple[Environment, float, float]],
+    lights: Sequence[PortableLight],
     settings: "Settings",
-    how: LiveSettings = DEFAULTS,
+    tolerance: float = PLACE_TOLERANCE,
+    sky: str = "new",
+    seed: int = 0,
 ) -> Live:
     """The Live of a scene.
 
-    environments: list of (Environment, display value per radiance) and, in rooms, the factor on their lamps. settings:
-    Settings whose rays and bounces apply, in 10 bands. Raises InputError without splats to light.
+    lights: of environments; the captured one joins them. settings: Settings whose rays and bounces apply, in 10 bands.
+    tolerance: relative error of the light that the bytes may add: .03 is 1.3% of a display value. sky: of
+    `splats.SKIES`. seed: of all that is sampled. Raises InputError without splats to light.
     """
     splats, scene, stages = shown.splats, shown.relighter.scene, shown.relighter.stages
     capture = shown.appearance.capture
     if not len(splats):
         raise InputError("there are no splats to light")
     order = spatial_order(splats)
-    binding = Binding(splats, scene, views=(), seed=how.seed).mirroring(shown.mirror, scene)
-    kinds = _kinds(shown, binding, how.sky)
+    binding = Binding(splats, scene, views=(), seed=seed).mirroring(shown.mirror, scene)
+    kinds = _kinds(shown, binding, sky)
     shares = (binding.surface.areas / np.bincount(binding.surface.node))[binding.surface.node]
     with stages.stage("response"):
         response = _response(shown, settings, shares)
-        lights = [light_of(*each) for each in environments] + _captured_light(shown, response, shares)
-        vectors = turned_vectors(lights)
-        truth = np.einsum("vkc,tkc->vtc", response.values, vectors, optimize=True)
+        lights, captured = list(lights), None
+        if not shown.sources and not shown.appearance.as_captured:  # else a term is that light
+            captured = capture_light(response, np.maximum(shares, 1e-12 * shares.max()), shown.lamps or 0.0)
+        lights += [] if captured is None else [captured]
     with stages.stage("spread"):
-        brightness = 1.0 if capture is None else float(capture["brightness"])
-        known = CapturedColors(splats, shown.appearance.captured, shares, brightness)
-        rows, basis = lit_rows(binding, response, known, vectors, truth)
+        rows = lit_rows(binding, response, splats, shown.appearance, shares, lights)
     with stages.stage("compress"):
-        found, errors = rows.compressed(basis, how.tolerance, how.seed)
+        found, errors = rows.compressed(tolerance, seed)
     with stages.stage("surface"):
         foliage = shown.relighter.precomputed.foliage if settings.volume else None
         surface = surfaces(binding, splats.means, scene, response.own, kinds, foliage)
-        mesh = shown.relighter.scene
-        vertices, faces = decimate(mesh.vertices.astype(np.float64), mesh.faces, DEFAULT_VERTICES)
-    near = splats.means[binding.lit & (kinds != SKY)]
+        vertices, faces = decimate(scene.vertices.astype(np.float64), scene.faces, DEFAULT_VERTICES)
+    near, frame = splats.means[binding.lit & (kinds != SKY)], np.asarray(scene.scene_from_splat, np.float64)
+    middle = np.median(near, axis=0).astype(np.float64) if len(near) else np.zeros(3)  # viewpoint of the sky
+    facts = {
+        "source": {name: scene.source[name] for name in ("file", "sha256") if name in scene.source},
+        "frame": {"scene_from_splat": frame.tolist(), "up": "+y", "middle": middle.tolist()},
+        "camera": first_view(scene, splats, vertices),
+        "mean": response.mean.tolist(),
+        "brightness": None if capture is None else float(capture["brightness"]),
+        "lamps": shown.lamps,
+    }
     return Live(
         splats=splats.take(order),
         order=order,
         transfer=_bytes(found, binding.lit)[order],
-        basis=packed(basis, found),
+        basis=packed(rows.basis, found),
         surfaces=surface._replace(packed=surface.packed[order]),
         lights=lights,
-        mean=response.mean,
         proxy=(vertices.astype(np.float32), faces),
-        frame=np.asarray(scene.scene_from_splat, np.float64),
         errors=errors,
-        brightness=None if capture is None else float(capture["brightness"]),
-        middle=np.median(near, axis=0).astype(np.float64) if len(near) else np.zeros(3),
-        source={name: scene.source[name] for name in ("file", "sha256") if name in scene.source},
-        camera=first_view(scene, splats, vertices),
-        lamps=shown.lamps,
+        facts=facts,
         terms=_terms(shown, binding, shares, kinds, order),
         gloss=_shine(binding, shown, kinds == LIT, order),
     )
@@ -192,17 +173,10 @@ def _response(shown: LiveScene, settings: "Settings", shares: Floats) -> Respons
     if shown.assumed and room is not None:
         return assumed_response(look, shares, room)
     if look.as_captured and shown.sources:
-        return _unchanged(len(shares))
+        values = np.zeros((len(shares), COEFFICIENTS, 3), np.float32)
+        return Response(values, values[:, 0], np.zeros((SPREAD_BANDS**2 + 1, 3)))
     known = room if look.room is not None and not look.as_captured else None
     return response_of(shown.relighter, look, settings._replace(bands=BANDS), shares, known)
-
-
-def _captured_light(shown: LiveScene, response: Response, shares: Floats) -> list[PortableLight]:
-    """The captured light as one of the lights, where it can be and no term is it."""
-    if shown.sources or shown.appearance.as_captured:
-        return []
-    captured = capture_light(response, np.maximum(shares, 1e-12 * shares.max()), shown.lamps or 0.0)
-    return [] if captured is None else [captured]
 
 
 def _terms(shown: LiveScene, binding: Binding, shares: Floats, kinds: NDArray[np.uint8], order: Indices) -> list[Term]:
@@ -232,12 +206,6 @@ def _shine(binding: Binding, shown: LiveScene, lit: NDArray[np.bool_], order: In
     matrix = np.asarray(shown.relighter.scene.scene_from_splat, np.float64)
     lamps = [(number, *each.shines) for number, each in enumerate(shown.sources) if each.shines is not None]
     return shine_of(binding, gloss, look.environment.sh(BANDS), look.captured, BundleRows(matrix, lit, order, lamps))
-
-
-def _unchanged(count: int) -> Response:
-    """The Response of vertices that no environment changes."""
-    nothing = np.zeros((count, 3), np.float32)
-    return Response(np.zeros((count, COEFFICIENTS, 3), np.float32), nothing, np.zeros((SPREAD_BANDS**2 + 1, 3)))
 
 
 def first_view(scene: Scene, splats: Splats, vertices: Points) -> dict[str, Any]:

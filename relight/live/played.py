@@ -48,18 +48,17 @@ class Played(NamedTuple):
 
 
 class _Frames:
-    """Writes frames into a folder, and what differs from one to the next. names: of their files. packed: by name, until
-    they are too many, then None. differs: whether each is stored so."""
+    """Writes frames into a folder, and what differs from one to the next. entries: file of each, and whether it is
+    stored so. packed: by name, until they are too many, then None."""
 
     def __init__(self, folder: Path) -> None:
         self._folder, self._before = folder, b""
-        self.names: list[str] = []
-        self.differs: list[bool] = []
+        self.entries: list[dict[str, Any]] = []
         self.packed: dict[str, bytes] | None = {}
         self._sizes = np.zeros(2)
 
     def add(self, splats: Splats) -> None:
-        name = f"{len(self.names):04d}.compressed.ply"
+        name = f"{len(self.entries):04d}.compressed.ply"
         write_splats(self._folder / name, splats, "compressed.ply")
         content, before = (self._folder / name).read_bytes(), self._before
         self._before, differs = content, False
@@ -74,8 +73,7 @@ class _Frames:
             self.packed[name] = kept[0]
             if (self._sizes > (MOST_PACKED, MOST_UNPACKED)).any():
                 self.packed = None
-        self.names.append(name)
-        self.differs.append(differs)
+        self.entries.append({"file": name, "differs": differs})
 
 
 def write_player(folder: str | os.PathLike[str], frames: Iterable[Splats], played: Played) -> list[str]:
@@ -100,8 +98,7 @@ def write_player(folder: str | os.PathLike[str], frames: Iterable[Splats], playe
         data["camera"] = _joined(views)
         data["sky"], extra = _sky(played)
         data["packed"] = written.packed is not None
-        pairs = zip(written.names, written.differs, strict=True)
-        data["frames"] = [{"file": each, "differs": differs and data["packed"]} for each, differs in pairs]
+        data["frames"] = [{**each, "differs": each["differs"] and data["packed"]} for each in written.entries]
         page = page_text(played.title, data, script_of(_LIBRARY, _SCRIPTS), {**(written.packed or {}), **extra})
         shutil.rmtree(folder / FOLDER, ignore_errors=True)
         if written.packed is not None:
@@ -114,7 +111,7 @@ def write_player(folder: str | os.PathLike[str], frames: Iterable[Splats], playe
         for each, content in extra.items():
             (staging / each).write_bytes(content)
         staging.rename(folder / FOLDER)
-    return [f"{FOLDER}/{each}" for each in (INDEX, FRAMES, *written.names, *extra)]
+    return [f"{FOLDER}/{each}" for each in (INDEX, FRAMES, *(each["file"] for each in written.entries), *extra)]
 
 
 def _joined(views: list[dict[str, Any]]) -> dict[str, Any]:

@@ -78,7 +78,11 @@ def response_of(
     if room is None or room.lets_in:
         straight = relighter.precomputed.transfer(settings)[0][:, : BANDS**2]
         few = SPREAD_BANDS**2 if room is None else BANDS**2
-        sent = _sent(relighter, straight[:, :few], albedo, settings)
+        if settings.bounce_rays:
+            matrix = relighter.precomputed.interreflection(settings.bounce_rays, straight[:, :few])
+            sent = transfer_with_bounces(straight[:, :few], albedo, matrix, settings.bounce_tolerance)[0]
+        else:
+            sent = straight[:, :few, None] * albedo[:, None]
         for j in range(BANDS**2):
             local = straight[:, j, None] * (seen if room is None else albedo)
             if room is not None:
@@ -98,7 +102,8 @@ def response_of(
                 values[:, j] = whole
         for first, bands in ((0, BANDS), (BANDS**2, SPREAD_BANDS)):
             part = slice(first, first + bands**2)
-            values[:, part] = _about_y(values[:, part], bands)
+            about = harmonics.rotation_matrix(POLAR, bands).astype(np.float32)
+            values[:, part] = np.einsum("jk,vkc->vjc", about, values[:, part], optimize=True)
         mean[:-1] = harmonics.rotation_matrix(POLAR, SPREAD_BANDS) @ mean[:-1]
     if room is not None:
         lamps = room.lamps(settings) / bright
@@ -140,22 +145,6 @@ def assumed_response(appearance: "Appearance", shares: Floats, room: "RelitRoom"
 def _over(colors: Floats, captured: Floats) -> Floats:
     """Colours (V, 3) as factors on the captured ones; 1 on black."""
     return np.divide(colors, captured, out=np.ones(captured.shape), where=captured > 0.0)
-
-
-def _sent(
-    relighter: "Relighter", straight: NDArray[np.float32], albedo: NDArray[np.float32], settings: "Settings"
-) -> NDArray[np.float32]:
-    """Exit radiance of every vertex, (V, K, 3), for each coefficient of direct light (V, K)."""
-    if not settings.bounce_rays:
-        return straight[:, :, None] * albedo[:, None]
-    matrix = relighter.precomputed.interreflection(settings.bounce_rays, straight)
-    return transfer_with_bounces(straight, albedo, matrix, settings.bounce_tolerance)[0]
-
-
-def _about_y(values: NDArray[np.float32], bands: int) -> NDArray[np.float32]:
-    """Values (V, K, 3) of coefficients in our basis as those of coefficients about +y."""
-    about = harmonics.rotation_matrix(POLAR, bands).astype(np.float32)
-    return np.einsum("jk,vkc->vjc", about, values, optimize=True)
 
 
 def light_vector(rest: Coefficients, whole: Coefficients, lamps: float = 0.0) -> NDArray[np.float64]:

@@ -57,7 +57,9 @@ def server_of(folder: str | os.PathLike[str], port: int = 0) -> _Server:
     is not available.
     """
     folder = Path(folder)
-    found = next((each for each in (folder, folder / FOLDER) if _is_page(each)), None)
+    marks = META, FRAMES  # of one splat or of frames
+    pages = [each for each in (folder, folder / FOLDER) if (each / INDEX).is_file()]
+    found = next((each for each in pages if any((each / name).is_file() for name in marks)), None)
     if found is None and not (folder / PAGE).is_file():
         expected = f"expected {PAGE} or a folder {FOLDER}/ that --format web wrote"
         raise InputError(f"{folder} holds no page to serve: {expected}")
@@ -67,8 +69,3 @@ def server_of(folder: str | os.PathLike[str], port: int = 0) -> _Server:
         return server
     except (OSError, OverflowError) as error:
         raise InputError(f"`serve` {port}: cannot use the port ({error}); name another") from None
-
-
-def _is_page(folder: Path) -> bool:
-    """Whether a folder is a page, of one splat or of frames."""
-    return (folder / INDEX).is_file() and any((folder / name).is_file() for name in (META, FRAMES))

@@ -19,7 +19,7 @@ from ..gloss.openness import BANDS as OPEN_BANDS
 from ..gloss.openness import openness
 from ..gloss.reflections import MOSTLY
 from .response import BANDS, about_y
-from .terms import rows_of, runs_of
+from .terms import as_bytes, rows_of, runs_of
 
 if TYPE_CHECKING:
     from splat2mesh.base.arrays import Coefficients, Indices, Matrix4, Radiance
@@ -125,7 +125,7 @@ def shine_of(
     packed[:, 1:4] = bytes_from_unit(srgb_from_linear(np.clip(color, 0.0, 1.0)))
     packed[:, 4:ROW] = np.clip(np.rint(visible / peaks * 127.0), -127, 127).astype(np.int8).view(np.uint8)
     for place, (lamp, light) in enumerate(zip(lamps, shining, strict=True)):
-        packed[:, ROW + place] = _levels(np.einsum("nk,nk->n", weights, light[row]), lamp["peak"])
+        packed[:, ROW + place] = as_bytes(np.einsum("nk,nk->n", weights, light[row]), lamp["peak"], LAMP_STEPS)
     rows[lit[chosen]] = packed
     rows = rows[at.order]
     runs = runs_of(rows[:, 0] > 0)
@@ -147,12 +147,6 @@ def _shining(
     found.sort(key=lambda each: -each[0]["peak"])
     kept = sorted(found[:MOST_SHINING], key=lambda each: each[0]["term"])
     return [entry for entry, _ in kept], [light for _, light in kept]
-
-
-def _levels(light: NDArray[np.floating], peak: float) -> NDArray[np.uint8]:
-    """The bytes of the light of a lamp, (N,)."""
-    level = 255.0 + LAMP_STEPS * np.log2(np.maximum(light, 1e-30) / peak)
-    return np.where(level >= 0.5, np.clip(np.rint(level), 1, 255), 0).astype(np.uint8)
 
 
 def _materials(

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from splat2mesh.base.arrays import Floats
 from splat2mesh.scene.color import luminance
 
 from ..lamps.photometry import axis_intensity
@@ -172,9 +173,13 @@ def _stored(values: NDArray[np.float32]) -> tuple[NDArray[np.uint32], NDArray[np
     runs = runs_of(largest >= least)
     peak = np.maximum(peak, least)
     steps = 254.0 / float(np.log2(peak.max() * MARGIN / least))
-    level = 255.0 + steps * np.log2(np.maximum(values[rows_of(runs)], 1e-30) / peak)
-    rows = np.where(level >= 0.5, np.clip(np.rint(level), 1, 255), 0).astype(np.uint8)
-    return runs, rows, peak.tolist(), steps
+    return runs, as_bytes(values[rows_of(runs)], peak, steps), peak.tolist(), steps
+
+
+def as_bytes(values: Floats, peak: Floats | float, steps: float) -> NDArray[np.uint8]:
+    """Values up to a peak as bytes, so many steps for a factor of two, 255 for the peak and 0 for none."""
+    level = 255.0 + steps * np.log2(np.maximum(values, 1e-30) / peak)
+    return np.where(level >= 0.5, np.clip(np.rint(level), 1, 255), 0).astype(np.uint8)
 
 
 def runs_of(kept: NDArray[np.bool_]) -> NDArray[np.uint32]:

@@ -20,11 +20,11 @@ def behind(
     its formula, with its horizon and its sun, an image as it is."""
     if environment.formula is None:
         return environment.lookup(directions) * np.float32(exposure)
-    canonical = _unturned(directions, environment.rotation_deg)
+    canonical = unturned(directions, environment.rotation_deg)
     return skies.seen(environment.formula, canonical) * np.float32(exposure)
 
 
-def _unturned(directions: NDArray, angle_deg: float) -> NDArray[np.float64]:
+def unturned(directions: NDArray, angle_deg: float) -> NDArray[np.float64]:
     """Directions (N, 3) in the frame of the environment's image."""
     c, s = np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))
     x, y, z = np.asarray(directions, np.float64).T

@@ -12,6 +12,7 @@ from splat2mesh.views.viewpoints import even_directions
 from ..insert.standing import ROOM
 from ..light.projections import row_solid_angles, texel_directions
 from ..live.ground import ShadowedGround
+from .backdrop import unturned
 
 if TYPE_CHECKING:
     from splat2mesh.scene.scene import Scene
@@ -55,7 +56,8 @@ class Catcher:
         points[..., 0] = self._middle[0] + across[None, :]
         points[..., 1] = self.height + LIFT * self._radius
         points[..., 2] = self._middle[1] + across[:, None]
-        self._directions = _upper_hemisphere()
+        directions = even_directions(2 * DIRECTIONS)[:, [0, 2, 1]]
+        self._directions = directions[directions[:, 1] > 0.0].astype(np.float32)
         rays = np.empty((side * side, 6), np.float32)
         rays[:, :3] = points.reshape(-1, 3)
         self._open = np.empty((len(self._directions), side * side), bool)
@@ -88,10 +90,7 @@ class Catcher:
         above = texel_directions(height, width)[: height // 2].reshape(-1, 3)
         areas = np.repeat(row_solid_angles(height, width)[: height // 2, 0], width)
         light = environment.radiance[: height // 2].reshape(-1, 3) * (areas * above[:, 1])[:, None]
-        turn = np.radians(environment.rotation_deg)
-        x, y, z = self._directions.T
-        c, s = np.cos(turn), np.sin(turn)
-        canonical = np.stack([c * x - s * z, y, s * x + c * z], axis=-1)
+        canonical = unturned(self._directions, environment.rotation_deg)
         away, nearest = scipy.spatial.cKDTree(canonical).query(above, SHARED)
         weights = np.maximum(1.0 - away / np.maximum(away[:, -1:] * 1.2, 1e-9), 0.0) ** 2
         weights /= weights.sum(axis=1, keepdims=True)
@@ -135,11 +134,6 @@ class GroundLight(NamedTuple):
             )
             share[near, channel] = 1.0 - fade[near] * (1.0 - found)
         return share
-
-
-def _upper_hemisphere() -> NDArray[np.float32]:
-    directions = even_directions(2 * DIRECTIONS)[:, [0, 2, 1]]
-    return directions[directions[:, 1] > 0.0].astype(np.float32)
 
 
 def _spread(u: NDArray) -> NDArray:

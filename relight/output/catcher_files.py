@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Floats
 from splat2mesh.base.outputs import staged_file
-from splat2mesh.render.rasterize import Rendering
 from splat2mesh.scene.color import BLACK, linear_from_srgb
 from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.formats.inria import header_of, row_type
@@ -46,7 +45,8 @@ def write_catcher(
     """
     _write_splats(folder / FILES["catcher"], relit, ratios(without, relit), source)
     picture = RelitPicture(scene, camera_of(inserted, scene), PICTURE_SIZE, samples=1)
-    write_exr(folder / PICTURE, {"RGB": seen_ratio(picture.seen(without), picture.seen(relit))})
+    before, after = (_linear(picture.seen(each).color) for each in (without, relit))
+    write_exr(folder / PICTURE, {"RGB": _over(before, after)})  # exactly 1 where they agree
     return [FILES["catcher"], PICTURE]
 
 
@@ -59,11 +59,6 @@ def ratios(without: Splats, relit: Splats) -> NDArray[np.float32]:
     found = _over(before, after)
     found[(without.sh[:, 0] == relit.sh[:, 0]).all(axis=1)] = 1.0
     return found
-
-
-def seen_ratio(without: Rendering, relit: Rendering) -> NDArray[np.float32]:
-    """(H, W, 3) float32: linear light of one picture of splats over that of another, exactly 1 where they agree."""
-    return _over(_linear(without.color), _linear(relit.color))
 
 
 def _linear(color: Floats) -> NDArray[np.float64]:

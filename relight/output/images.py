@@ -20,12 +20,15 @@ IMAGES: dict[str, dict[str, Any]] = {".png": {}, ".jpg": _LOSSY, ".jpeg": _LOSSY
 
 def write_png(path: str | os.PathLike[str], image: NDArray) -> None:
     """Write a picture, (H, W, 3) uint8 sRGB, as PNG, whatever its name."""
-    _write(path, png_bytes(image))
+    with staged_file(path) as staging:
+        staging.write_bytes(png_bytes(image))
 
 
 def write_image(path: str | os.PathLike[str], image: NDArray) -> None:
     """Write a picture, (H, W, 3) uint8 sRGB, as the kind that its name ends in. Raises InputError for other endings."""
-    _write(path, _packed(image, check_image(path)))
+    content = _packed(image, check_image(path))
+    with staged_file(path) as staging:
+        staging.write_bytes(content)
 
 
 def check_image(path: str | os.PathLike[str]) -> str:
@@ -55,8 +58,3 @@ def write_exr(path: Path, channels: dict[str, NDArray], more: dict[str, Any] | N
 def _packed(image: NDArray, kind: str) -> bytes:
     packed: bytes = iio.imwrite("<bytes>", image, extension=kind, **IMAGES[kind])  # a file would be its own to close
     return packed
-
-
-def _write(path: str | os.PathLike[str], content: bytes) -> None:
-    with staged_file(path) as staging:
-        staging.write_bytes(content)

@@ -8,8 +8,8 @@ from ..options import PICTURE_SIZE as PICTURE_SIZE
 
 
 class Output(NamedTuple):
-    """An output. file: its name. of_splats: whether it needs the splats of the scene. writer: what writes it and names
-    its files, a key of `results.WRITERS`; "" for those that `results.Results` writes itself. relit: whether it shows
+    """An output. file: its name. of_splats: whether it needs the splats of the scene. writer: what of `jobs.results`
+    writes it and names its files; "" for `Results` itself. relit: whether it shows
     the splats, where there are any, in the new light. options: fields of the request that have a meaning with it alone.
     needs: a field without which it holds nothing, and why. of_parts: whether it can show a part of the scene in the new
     light."""
@@ -49,11 +49,6 @@ OUTPUTS = {
 FILES = {word: each.file for word, each in OUTPUTS.items()}
 
 
-def written_by(writer: str) -> tuple[str, ...]:
-    """Return the words of what a writer writes."""
-    return tuple(word for word, each in OUTPUTS.items() if each.writer == writer)
-
-
 def kinds_with(option: str) -> tuple[str, ...]:
     """Return the words of the outputs for which a field of the request has a meaning; none where it has one anyway."""
     return tuple(word for word, each in OUTPUTS.items() if option in each.options)
@@ -73,7 +68,9 @@ def check_parts(request: Any) -> None:
         raise InputError(f"{whole[0]}: it is of the whole scene in one light; leave it or `{name}` out")
 
 
-AROUND, WITHOUT_LIGHT = written_by("around"), written_by("clean")
+AROUND, WITHOUT_LIGHT = (
+    tuple(word for word, each in OUTPUTS.items() if each.writer == writer) for writer in ("around", "clean")
+)
 """Kinds with the surrounding light; that do not depend on the light."""
 
 OF_SPLATS = tuple(word for word, each in OUTPUTS.items() if each.of_splats)

@@ -4,17 +4,16 @@ Every writer takes `radiance`, (V, 3) linear in the scene's vertex order, and wr
 """
 
 import os
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pygltflib as gltf
 from numpy.typing import NDArray
 
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.outputs import staged_file
 from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
 from splat2mesh.scene.drawn import Drawn
-from splat2mesh.scene.glb import Glb
+from splat2mesh.scene.glb import UNLIT, Glb, matt
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.meshfile import write_mesh_ply
 
@@ -44,7 +43,7 @@ def write_glb(
     drawn = Drawn(scene)
     scene, exposed = drawn.scene, drawn.colors(check_radiance(scene, radiance)) * np.float32(exposure)
     clipped = int((exposed > 1.0).any(axis=1).sum())
-    file, start = Glb(extensionsUsed=["KHR_materials_unlit"], materials=[_unlit_material()]), 0
+    file, start = Glb(extensionsUsed=[UNLIT], materials=[matt("relit")]), 0
     normals = unit_normals(scene.normals)
     for index, chunk in enumerate(scene.chunks):
         rows = slice(start, start + len(chunk.vertices))
@@ -96,11 +95,3 @@ def check_radiance(scene: "Scene", radiance: NDArray) -> NDArray:
             "check the environment for NaN and infinity"
         )
     return radiance
-
-
-def _unlit_material() -> Any:
-    """White times COLOR_0 and no shading: the light is in the vertices already."""
-    surface = gltf.PbrMetallicRoughness(baseColorFactor=[1.0, 1.0, 1.0, 1.0], metallicFactor=0.0, roughnessFactor=1.0)
-    return gltf.Material(
-        name="relit", pbrMetallicRoughness=surface, doubleSided=True, extensions={"KHR_materials_unlit": {}}
-    )

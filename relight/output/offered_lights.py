@@ -39,7 +39,10 @@ def offered_pictures(relighter: Relighter, look: Appearance, paint: Painter) -> 
     found = []
     for number, offered in enumerate(likely, 1):
         picture = paint(*by_hand.under(offered.whole)).copy()
-        _put_map(picture, light_map(offered.whole, round(MAP_PART * picture.shape[1])))
+        shown = light_map(offered.whole, round(MAP_PART * picture.shape[1]))
+        (height, width), right = shown.shape[:2], picture.shape[1] - GAP
+        picture[GAP - 1 : GAP + height + 1, right - width - 1 : right + 1] = INK
+        picture[GAP : GAP + height, right - width : right] = shown
         found.append((label(number, offered), picture))
     return found
 
@@ -59,11 +62,3 @@ def light_map(environment: Environment, width: int) -> NDArray[np.uint8]:
     level = max(float(np.median(luminance(image[: height // 2]))), 1e-9)
     shown = compress_highlights((image * MIDDLE / level).reshape(-1, 3).astype(np.float32))
     return bytes_from_unit(srgb_from_linear(shown)).reshape(height, width, 3)
-
-
-def _put_map(picture: NDArray[np.uint8], shown: NDArray[np.uint8]) -> None:
-    """Put a map into the upper right corner of a picture, in place."""
-    height, width = shown.shape[:2]
-    right = picture.shape[1] - GAP
-    picture[GAP - 1 : GAP + height + 1, right - width - 1 : right + 1] = INK
-    picture[GAP : GAP + height, right - width : right] = shown

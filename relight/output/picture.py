@@ -1,6 +1,7 @@
 """The picture of a relit scene: the relit mesh on the ground, before the light, with an inset that shows the light."""
 
 from dataclasses import replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,7 +18,7 @@ from splat2mesh.views.standpoints import NEAR_DIAGONAL
 from ..insert.probe import usual_box
 from ..light.tonemap import compress_highlights
 from .backdrop import behind
-from .catcher import Catcher, GroundLight
+from .catcher import Catcher
 from .inset import add_inset
 from .kinds import PICTURE_SIZE
 from .mesh_files import check_radiance
@@ -58,7 +59,6 @@ class RelitPicture:
         self.camera, self.view = self.mesh.camera, self.mesh.view
         self._drawn, self._surfaces = Drawn(scene), Drawn.surfaces(scene)
         self._previews: dict[bool, Preview] = {}
-        self._catcher: Catcher | None = None
 
     def of_splats(
         self, splats: Splats, environment: "Environment | None", exposure: float, inset: bool = True
@@ -129,7 +129,7 @@ class RelitPicture:
             return image
         if self._indoors:
             wanted = wanted & ~self._through_floor(wanted)
-        shadows = self._ground_under(environment)
+        shadows = None if self._catcher is None else self._catcher.under(environment)
         rows, columns = np.nonzero(wanted)
 
         def work(part: slice) -> None:
@@ -163,13 +163,10 @@ class RelitPicture:
         through[wanted] = ((met > low) & (met < high))[:, [0, 2]].all(axis=1) & (directions[:, 1] < 0.0)
         return through
 
-    def _ground_under(self, environment: "Environment") -> "GroundLight | None":
-        """The light that reaches the ground; None for a place, which has its own."""
-        if self._scene.is_place:
-            return None
-        if self._catcher is None:
-            self._catcher = Catcher(self._scene, self.mesh.caster)
-        return self._catcher.under(environment)
+    @cached_property
+    def _catcher(self) -> Catcher | None:
+        """The ground; None for a place, which has its own."""
+        return None if self._scene.is_place else Catcher(self._scene, self.mesh.caster)
 
 
 def _over(color: NDArray, alpha: NDArray, back: NDArray) -> NDArray:

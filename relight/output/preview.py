@@ -59,7 +59,17 @@ class Preview:
 
     @cached_property
     def _passes(self) -> list[tuple]:
-        return [(rows, view, *_cast(self.caster, view)) for rows, view in _split(self.view, self._samples)]
+        """For bands of rows at each sample position: rows, View, the rays that hit, (H * W,) bool, and for these
+        P the face, (P,) int32, and the barycentric weights of its corners, (P, 3) float32."""
+        found = []
+        for rows, view in _split(self.view, self._samples):
+            directions = _directions(view)
+            rays = np.empty((len(directions), 6), np.float32)
+            rays[:, :3], rays[:, 3:] = view.center, directions
+            hits = self.caster.first_hits(rays)
+            hit = hits.faces >= 0
+            found.append((rows, view, hit, hits.faces[hit], corner_weights(hits.uv[hit])))
+        return found
 
     def render(self, radiance: NDArray, environment: "Environment", exposure: float = 1.0) -> NDArray:
         """The picture under one light: (H, W, 3) uint8 sRGB.
@@ -189,17 +199,3 @@ def _directions(view: View) -> NDArray[np.float32]:
     """Unit directions through the pixel centres of a View: (H * W, 3) float32."""
     directions = view.ray_directions().reshape(-1, 3).astype(np.float32)
     return directions / np.sqrt(np.einsum("ij,ij->i", directions, directions))[:, None]
-
-
-def _cast(raycaster: RayCaster, view: View) -> tuple[NDArray[np.bool_], NDArray[np.int32], NDArray[np.float32]]:
-    """Hits of the rays of a View.
-
-    Returns the mask of the rays that do, (H * W,) bool, and for these P rays the face, (P,) int32, and the
-    barycentric weights of its corners, (P, 3) float32.
-    """
-    directions = _directions(view)
-    rays = np.empty((len(directions), 6), np.float32)
-    rays[:, :3], rays[:, 3:] = view.center, directions
-    found = raycaster.first_hits(rays)
-    hit = found.faces >= 0
-    return hit, found.faces[hit], corner_weights(found.uv[hit])

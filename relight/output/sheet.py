@@ -30,7 +30,8 @@ def sheet(
     pictures: Sequence[tuple[str, NDArray]],  # names and pictures, (H, W, 3) uint8, all of one size
 ) -> NDArray:
     """The sheet, (H, W, 3) uint8: up to three pictures in a row, in two columns where that leaves no gap."""
-    pictures = _chosen(list(pictures))
+    if len(pictures) > MOST:
+        pictures = [pictures[round(index)] for index in np.linspace(0, len(pictures) - 1, MOST)]
     height, width = pictures[0][1].shape[:2]
     line = round(LABEL * height)
     columns = len(pictures) if len(pictures) <= 3 else 2 if len(pictures) == 4 else 3
@@ -43,12 +44,6 @@ def sheet(
         result[top : top + line, left : left + width] = _written(name, line, width)
         result[top + line : top + line + height, left : left + width] = picture
     return result
-
-
-def _chosen(pictures: list[tuple[str, NDArray]]) -> list[tuple[str, NDArray]]:
-    if len(pictures) <= MOST:
-        return pictures
-    return [pictures[round(index)] for index in np.linspace(0, len(pictures) - 1, MOST)]
 
 
 def _written(name: str, height: int, width: int) -> NDArray[np.uint8]:

@@ -53,6 +53,9 @@ class Sample:
     do not predict. rays: shot in all. traced_share: of the vertices.
     """
 
+    open: NDArray[np.float32]
+    seen: NDArray[np.float32]
+
     def __init__(
         self,
         occluder: Occluder,  # of the scene

@@ -11,7 +11,7 @@ from benchmarks import baselines
 from benchmarks.harness import GROUND_TRUTH
 from benchmarks.truths import clipped
 from relight.jobs.job import Job
-from relight.jobs.writer import Writer
+from relight.jobs.results import Results
 from relight.request import RelightRequest
 from splat2mesh.scene.color import srgb_from_linear
 
@@ -40,7 +40,7 @@ def run(options, report):
             shaded = next(iter(job.shaded()))
             row = {"scene": name, "light": light, "exposure": shaded.exposure}
             before, wanted = truth.pictures.pixels(job.inputs.splats[0], light)
-            shown, _ = truth.pictures.pixels(Writer(job).relit_splats(shaded), light)
+            shown, _ = truth.pictures.pixels(Results(job).relit.relit(shaded), light)
             looks = {"captured": map(srgb_from_linear, before), "relit": map(srgb_from_linear, shown), "true": wanted}
             for what, colors in looks.items():
                 colors = list(colors)

@@ -27,7 +27,7 @@ from relight import LightingOptions, Relighter, RelightRequest
 from relight.gloss import mirrored
 from relight.gloss.pixels import SurfacePixels
 from relight.jobs.job import Job
-from relight.jobs.writer import Writer
+from relight.jobs.results import Results
 from relight.planning.lamp_plan import RayPlan
 from relight.transfer.reference import reference
 from relight.transfer.settings import BOUNCE_TOLERANCE, Settings
@@ -220,7 +220,7 @@ class Place:
         vars(job).update({name: value for name, value in vars(self.job).items() if name in SHARED})
         mirrored.RAYS = rays
         try:
-            seconds, splats = seconds_of(lambda: Writer(job).relit_splats(shaded))
+            seconds, splats = seconds_of(lambda: Results(job).relit.relit(shaded))
         finally:
             mirrored.RAYS = usual
         shown = splats.take(job.known.binding.drawn_rows)

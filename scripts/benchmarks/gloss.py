@@ -18,7 +18,7 @@ from benchmarks.harness import GROUND_TRUTH
 from relight.gloss.fits import PatchFits
 from relight.gloss.material import LEAST_EXPLAINED, SURE_EXPLAINED, Lobe, best_lobe
 from relight.jobs.job import Job
-from relight.jobs.writer import Writer
+from relight.jobs.results import Results
 from relight.request import RelightRequest
 from relight.sh import harmonics
 from scenes import capture_views, seen_faces
@@ -203,8 +203,8 @@ class Table:
         truth = np.concatenate([np.clip(p.color[rows], 0, 1) for p, rows in zip(wanted, inside, strict=True)])
         row = {}
         for name, effects in (("without", EFFECTS), ("with", f"{EFFECTS},gloss")):
-            writer = Writer(self.job(self.lights[number], effects))
-            splats = writer.relit_splats(next(writer.job.shaded()))
+            job = self.job(self.lights[number], effects)
+            splats = Results(job).relit.relit(next(job.shaded()))
             shown = np.concatenate(
                 [np.clip(rasterize(splats, view).color[rows], 0, 1) for view, rows in zip(chosen, inside, strict=True)]
             )

@@ -11,7 +11,7 @@ from engine_shaders import VECTORS, compiled_gdshader, glslang, kernel_values
 from probe_lights import LOBE_ERROR, lobe, lobe_irradiance, picture
 
 from relight import Environment
-from relight.output.probe_set import irradiance_of
+from relight.output.probe_files import irradiance_of
 from splat2mesh.base.sphere import fibonacci_sphere
 
 GODOT = Path(__file__).parents[2] / "integrations" / "godot"

@@ -36,12 +36,12 @@ def _lighten():
     from fault_cases import scene_of
 
     import relight.jobs.meshing
+    import relight.jobs.results
     import relight.jobs.writer
-    import relight.output.results
     import splat2mesh.api
 
     relight.jobs.meshing.meshed = splat2mesh.api.convert = lambda path, *_, **__: scene_of(path)
-    relight.output.results.PICTURE_SIZE = relight.jobs.writer.PICTURE_SIZE = (64, 48)
+    relight.jobs.results.PICTURE_SIZE = relight.jobs.writer.PICTURE_SIZE = (64, 48)
 
 
 def _started(commands, shim, run):

@@ -11,6 +11,7 @@ from relight.gloss import Gloss
 from relight.lamps.asked import AskedLamp, Brightness
 from relight.lamps.shapes import RectangleLamp, SphereLamp, moved
 from relight.light.loading import CapturedLight
+from relight.live.lights import light_of
 from relight.live.live import LiveScene, live_of
 from relight.live.terms import sources_of
 from relight.splats import Binding
@@ -37,7 +38,7 @@ def glossy_scene():
     relighter, look, splats, _ = live_scene()
     look = look._replace(environment=Environment.load(OWN))
     gloss = glaze(relighter.scene, splats)[1]
-    lights = [(Environment.load(name), 0.7) for name in LIGHTS]
+    lights = [light_of(Environment.load(name), 0.7) for name in LIGHTS]
     live = live_of(LiveScene(relighter, look, splats, gloss=gloss), lights, SETTINGS)
     return relighter.scene, look, splats, gloss, live
 
@@ -60,6 +61,6 @@ def glossy_scene_with_lamps():
     ]
     mix = LightMix(LightingOptions(tolerance=0.05, captured=0.2), asked, CapturedLight(), relighter, look)
     shown = LiveScene(relighter, look, splats, sources=sources_of(mix), gloss=gloss)
-    lights = [(Environment.load(name), 0.7) for name in LIGHTS]
+    lights = [light_of(Environment.load(name), 0.7) for name in LIGHTS]
     live = live_of(shown, lights, SETTINGS)
     return live._replace(lights=[each._replace(captured=0.2, unit=0.7) for each in live.lights]), lamps

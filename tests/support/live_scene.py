@@ -7,6 +7,7 @@ import numpy as np
 from relight import Environment
 from relight.engine.appearance import appearance_of
 from relight.engine.relighter import Relighter
+from relight.live.lights import light_of
 from relight.live.live import LiveScene, live_of
 from relight.transfer.settings import Settings
 from splat2mesh.scene.mesh import Mesh
@@ -61,5 +62,5 @@ def live_scene():
     scene, splats = scene_and_splats()
     relighter = Relighter(scene)
     look = appearance_of("captured", None, relighter)
-    lights = [(Environment.load(name), 0.7) for name in LIGHTS]
+    lights = [light_of(Environment.load(name), 0.7) for name in LIGHTS]
     return relighter, look, splats, live_of(LiveScene(relighter, look, splats), lights, SETTINGS)

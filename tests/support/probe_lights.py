@@ -36,7 +36,7 @@ def picture(radiance, height=64):
 
 def write_probes_in(path, lights, positions):
     """A probes.json of pictures of light at positions of the scene frame."""
-    from relight.output.probe_set import FORMAT, irradiance_of
+    from relight.output.probe_files import FORMAT, irradiance_of
 
     pairs = zip(positions, lights, strict=True)
     probes = [{"position": list(map(float, at)), "sh": irradiance_of(light).tolist()} for at, light in pairs]

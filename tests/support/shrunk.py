@@ -8,9 +8,9 @@ def shrink(set_attribute):
     second each in full size. Plans are measured on every scene. To find the camera positions takes 640,000 rays, of
     which a twelfth distinguish a room from an object as well.
     """
+    import relight.jobs.results
     import relight.jobs.writer
     import relight.output.catcher
-    import relight.output.results
     import relight.planning.unmeasured
     import splat2mesh.cli
     import splat2mesh.render.beside
@@ -22,6 +22,6 @@ def shrink(set_attribute):
     set_attribute(splat2mesh.views.standpoints, "EVENLY", 96)
     set_attribute(relight.output.catcher, "SIDE", 32)
     set_attribute(relight.output.catcher, "DIRECTIONS", 64)
-    set_attribute(relight.output.results, "PICTURE_SIZE", (96, 72))
+    set_attribute(relight.jobs.results, "PICTURE_SIZE", (96, 72))
     set_attribute(relight.jobs.writer, "PICTURE_SIZE", (96, 72))
     set_attribute(relight.planning.unmeasured, "UNMEASURED_VERTICES", 0)

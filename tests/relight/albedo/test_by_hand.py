@@ -1,5 +1,7 @@
 """The captured light set by hand: the right sun takes shadows out, and commands use what was kept."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from captured_scenes import patchy, yard
@@ -11,7 +13,7 @@ from relight.albedo.direct import direct_light
 from relight.albedo.offered import drawn_sun, environment_of, texels
 from relight.engine import appearance
 from relight.engine.by_hand import LightByHand, can_be_set
-from relight.light.captured_light import NAME, LikelyLight, LikelySun, choose, offer, read_lights
+from relight.light.captured_light import NAME, LikelyLight, LikelySun, offer, read_lights, write_lights
 from relight.light.projections import texel_directions
 from relight.light.sun_position import toward
 from relight.transfer.bounces import with_bounces
@@ -152,7 +154,7 @@ def test_commands_use_what_was_kept_until_they_are_told_otherwise(captured, tmp_
     again.keep(1, again.offered[1].hand)
     assert read_lights(folder / NAME).chosen.name == chosen.name
     assert len(list(folder.glob("captured_light-*.npz"))) == 2
-    choose(folder, None)
+    write_lights(folder, replace(read_lights(folder / NAME), chosen=None))
     assert len(offered_in(read_lights(folder / NAME), folder)) == 1
 
 

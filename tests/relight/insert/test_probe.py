@@ -9,8 +9,7 @@ import pytest
 from relight.insert.probe import LightAround, ProbedScene, usual_place
 from relight.insert.surroundings import Sky
 from relight.light.environment import Environment
-from relight.output.probe_files import balls
-from relight.output.probe_set import irradiance_of
+from relight.output.probe_files import balls, irradiance_of
 from relight.sh import harmonics
 from relight.transfer.occluder import Occluder
 from splat2mesh.base.errors import DataWarning

@@ -8,6 +8,7 @@ from live_scene import SETTINGS, TILT, live_scene, scene_and_splats
 
 from relight import Environment
 from relight.live.bundle import write_bundle
+from relight.live.lights import light_of
 from relight.live.live import LiveScene, live_of
 from relight.live.surface import LIT
 from relight.splats import Binding
@@ -49,7 +50,6 @@ def test_the_reader_finds_the_change_of_light_that_a_relit_splat_has(reader, fol
 
 def test_turning_coefficients_is_turning_the_light(reader):
     light = live_scene()[3].lights[1]
-    from relight.live.lights import light_of
 
     turned = light_of(Environment.load("noon").rotated(70.0), 0.7)
     np.testing.assert_allclose(reader["turned"](light.rest, np.radians(70.0)), turned.rest, atol=1e-9)
@@ -95,7 +95,7 @@ def test_the_same_scene_gives_the_same_bytes(tmp_path, folder):
 
     relighter = Relighter(scene_and_splats()[0])
     look = appearance_of("captured", None, relighter)
-    lights = [(Environment.load(name), 0.7) for name in ("overcast", "noon")]
+    lights = [light_of(Environment.load(name), 0.7) for name in ("overcast", "noon")]
     write_bundle(tmp_path, live_of(LiveScene(relighter, look, scene_and_splats()[1]), lights, SETTINGS))
     for path in sorted(folder.rglob("*.*")):
         assert (tmp_path / path.relative_to(folder)).read_bytes() == path.read_bytes(), path.name

@@ -15,6 +15,7 @@ from live_scene import SETTINGS, TILT, live_scene
 from relight import Environment
 from relight.gloss.ggx import fresnel_rise, zonal_factors
 from relight.live.bundle import write_bundle
+from relight.live.lights import light_of
 from relight.live.live import LiveScene, live_of
 from relight.live.page import write_page
 from relight.live.shine import ROW
@@ -71,7 +72,7 @@ def test_a_matt_scene_has_the_bytes_that_it_had(tmp_path):
     relighter, look, splats, live = live_scene()
     gloss = glossy_scene()[3]
     matt = gloss._replace(reflectance=np.zeros_like(gloss.reflectance))
-    lights = [(Environment.load("overcast"), 0.7), (Environment.load("noon"), 0.7)]
+    lights = [light_of(Environment.load(name), 0.7) for name in ("overcast", "noon")]
     look = look._replace(environment=Environment.load(OWN))
     again = live_of(LiveScene(relighter, look, splats, gloss=matt), lights, SETTINGS)
     for name, each in {"a": live, "b": again}.items():

@@ -86,7 +86,8 @@ def test_shadows_of_suns_are_those_that_rays_find(folder, tmp_path):
     sun = live.lights[1].suns
     assert len(sun) == 1
     direction = sun.directions[0]
-    moved = live.splats.means @ live.frame[:3, :3].T + live.frame[:3, 3]
+    frame = np.array(live.facts["frame"]["scene_from_splat"])
+    moved = live.splats.means @ frame[:3, :3].T + frame[:3, 3]
     plate = (np.abs(moved[:, 1]) < 1e-3) & (np.abs(moved[:, [0, 2]]) < 1.35).all(axis=1)
     # The ball hides the sun where the ray passes within its radius.
     apart = np.linalg.norm(np.cross(moved - [0, 0.8, 0], direction), axis=1)

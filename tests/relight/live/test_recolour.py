@@ -10,7 +10,7 @@ from browser import Browser, chromium
 from live_bundles import make_bundle
 from splat_samples import make_splats
 
-from relight.live.bundle import write_proxy
+from relight.live.bundle import proxy_glb
 from relight.live.page import script_of
 
 HARNESS = "recolour_alone.js"
@@ -51,7 +51,7 @@ def test_every_splat_has_the_gain_that_the_processor_gives_it(tmp_path, kind, we
     rng = np.random.default_rng(0)
     corners = rng.choice(places, 60)[:, None] + 0.2 * places.std() * rng.normal(size=(60, 3, 3))
     triangles = corners.reshape(-1, 3).astype(np.float32), np.arange(180).reshape(-1, 3)
-    write_proxy(tmp_path / "proxy.glb", *triangles)
+    (tmp_path / "proxy.glb").write_bytes(proxy_glb(*triangles))
     if more == "parts":
         members = np.stack([np.arange(3000) % 3, rng.integers(0, 256, 3000)], axis=1).astype(np.uint8)
         (tmp_path / "parts.bin").write_bytes(members.tobytes())

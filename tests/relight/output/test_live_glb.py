@@ -15,9 +15,8 @@ from relight.lamps.photometry import flux
 from relight.lamps.shapes import SphereLamp, SpotLamp
 from relight.lamps.spec import read_lamps
 from relight.output.lamps_glb import PlacedLamps, ShownLight
-from relight.output.live_glb import KEY, SNORM, write_live_glb
+from relight.output.live_glb import KEY, PLAYCANVAS_FROM_SPLAT, SNORM, write_live_glb, write_proxy_glb
 from relight.output.mesh_files import write_glb
-from relight.output.proxy import PLAYCANVAS_FROM_SPLAT, write_proxy_glb
 
 TYPES = {5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 

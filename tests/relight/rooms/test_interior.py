@@ -7,9 +7,8 @@ from relight import Environment, Relighter
 from relight.engine.appearance import appearance_of
 from relight.engine.relighter import Shaded, Shading
 from relight.jobs.job import Job
+from relight.jobs.results import Results
 from relight.jobs.writer import report_of
-from relight.output.results import Results
-from relight.output.subject import AskedFiles, WrittenScene
 from relight.request import RelightRequest
 from relight.rooms.interior import MOST_CLOSED, closed_part, within
 from relight.transfer.bounces import visible_fraction
@@ -55,6 +54,14 @@ def part_of(scene):
     return closed_part(scene, relighter.precomputed.occluder, visible_fraction(relighter.transfer))
 
 
+def results_of(relighter, look, splats):
+    """The Results of splats of a scene whose appearance is known."""
+    job = Job(RelightRequest(relighter.scene, "sunset", formats=("splat",)))
+    vars(job.inputs).update(splats=(splats, []))
+    vars(job.known).update(relighter=relighter, appearance=look, mirror=None)
+    return Results(job)
+
+
 def some_splats(count=30):
     rng = np.random.default_rng(1)
     means = rng.uniform(-1, 1, (count, 3)).astype(np.float32)
@@ -84,8 +91,7 @@ def test_a_closed_room_stays_as_captured_and_says_so(opening):
     assert look.as_captured and look.capture["left_as_captured"] and not look.capture["separable"]
     dark = np.zeros_like(look.captured)
     np.testing.assert_allclose(look.received(dark, 0.5) * 0.5, look.irradiance)
-    results = Results(WrittenScene(relighter, look, AskedFiles(["splat"]), (splats, [])))
-    relit = results.relit_splats(shaded_by("sunset", dark, 3.0))
+    relit = results_of(relighter, look, splats).relit.relit(shaded_by("sunset", dark, 3.0))
     np.testing.assert_array_equal(relit.sh, splats.sh)
 
 
@@ -95,8 +101,7 @@ def test_the_sky_in_its_windows_is_new():
     relighter = Relighter(scene)
     with pytest.warns(DataWarning, match="closed room"):
         look = appearance_of("estimated", None, relighter)
-    results = Results(WrittenScene(relighter, look, AskedFiles(["splat"]), (splats, [])))
-    relit = results.relit_splats(shaded_by("sunset", np.zeros_like(look.captured), 3.0))
+    relit = results_of(relighter, look, splats).relit.relit(shaded_by("sunset", np.zeros_like(look.captured), 3.0))
     changed = (relit.sh != splats.sh).any(axis=(1, 2))
     np.testing.assert_array_equal(np.flatnonzero(changed), [3])
 

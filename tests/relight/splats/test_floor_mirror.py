@@ -10,6 +10,7 @@ from relight.api import RelightPlan
 from relight.engine.appearance import appearance_of
 from relight.engine.relighter import Relighter
 from relight.live.basis import reduced, usual_moment
+from relight.live.lights import light_of
 from relight.live.live import LiveScene, live_of
 from relight.live.response import COEFFICIENTS, light_vector
 from relight.live.surface import LIT
@@ -224,7 +225,7 @@ def test_the_bundle_lights_the_mirror_world_by_what_it_mirrors(mirrored):
     found = found._replace(own=np.zeros(3))
     relighter = Relighter(scene)
     look = appearance_of("captured", None, relighter)
-    lights = [(Environment.load("sunset"), 0.7)]
+    lights = [light_of(Environment.load("sunset"), 0.7)]
     live = live_of(LiveScene(relighter, look, splats, mirror=found), lights, SETTINGS)
     rows = np.argsort(live.order)  # in the order of the source
     packed, change = live.surfaces.packed[rows], shown_change(live)[rows]

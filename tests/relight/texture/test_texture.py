@@ -11,8 +11,8 @@ from gltf_check import validator_issues
 from scipy.spatial import cKDTree
 
 from relight.albedo import Prior, albedo_of
+from relight.jobs.textures import gloss_picture, textured, write_transfer
 from relight.output.images import png_bytes
-from relight.output.textured_files import Skin, write_textured_glb, write_transfer
 from relight.texture import KnownColors, bake
 from splat2mesh.base.errors import InputError
 from splat2mesh.render.view import View
@@ -277,8 +277,8 @@ def test_glb_shows_the_same_colours_to_other_readers(tmp_path, ball, unlit):
     cut = scene_of(ball.vertices, ball.normals, ball.faces, ball.colors_srgb, 60)
     baked = bake(cut, size=128)
     image = baked.relit()
-    write_textured_glb(tmp_path / "a.glb", cut, Skin(baked, png_bytes(image)), unlit, {"exposure": 1.0})
-    write_textured_glb(tmp_path / "b.glb", cut, Skin(baked, png_bytes(image)), unlit, {"exposure": 1.0})
+    for name in ("a.glb", "b.glb"):
+        textured(cut, baked.atlas, [png_bytes(image)], unlit=unlit).save(tmp_path / name, {"exposure": 1.0})
     data = (tmp_path / "a.glb").read_bytes()
     assert data == (tmp_path / "b.glb").read_bytes()
     document = json.loads(data[20 : 20 + int.from_bytes(data[12:16], "little")])
@@ -305,7 +305,7 @@ def _corners(mesh):
 def test_khronos_finds_nothing_wrong(tmp_path, ball, unlit):
     cut = scene_of(ball.vertices, ball.normals, ball.faces, ball.colors_srgb, 60)
     baked = bake(cut, size=64)
-    write_textured_glb(tmp_path / "a.glb", cut, Skin(baked, png_bytes(baked.relit())), unlit)
+    textured(cut, baked.atlas, [png_bytes(baked.relit())], unlit=unlit).save(tmp_path / "a.glb")
     issues = validator_issues(tmp_path / "a.glb")
     assert (issues["numErrors"], issues["numWarnings"]) == (0, 0), issues["messages"]
 
@@ -314,7 +314,8 @@ def test_gloss_is_in_a_texture_of_its_own_as_gltf_has_it(tmp_path, ball):
     scene = scene_of(ball.vertices, ball.normals, ball.faces, ball.colors_srgb, 40_000)
     baked = bake(scene, size=128)
     roughness = np.where(ball.vertices[:, 1] > 0, 0.4, 1.0).astype(np.float32)
-    write_textured_glb(tmp_path / "a.glb", scene, Skin(baked, png_bytes(baked.relit()), roughness), False)
+    pictures = [png_bytes(baked.relit()), gloss_picture(baked.atlas, roughness)]
+    textured(scene, baked.atlas, pictures, unlit=False).save(tmp_path / "a.glb")
     issues = validator_issues(tmp_path / "a.glb")
     assert (issues["numErrors"], issues["numWarnings"]) == (0, 0), issues["messages"]
     data = (tmp_path / "a.glb").read_bytes()

@@ -10,8 +10,7 @@ from probe_lights import AXIS, LOBE_ERROR, lobe, lobe_irradiance, picture
 from relight.insert.probe import LightAround, ProbedScene, ProbeGrid
 from relight.insert.surroundings import Sky
 from relight.light.environment import Environment
-from relight.output.probe_files import write_probes
-from relight.output.probe_set import NAME, irradiance_of, places_of, write_probe_set
+from relight.output.probe_files import NAME, irradiance_of, places_of, write_probe_set, write_probes
 from relight.request import RelightRequest
 from relight.sh import harmonics
 from relight.transfer.occluder import Occluder

@@ -13,9 +13,11 @@ from gltf_check import validator_issues
 
 from relight.cli import main
 from relight.engine.appearance import Appearance
+from relight.jobs.job import Job
+from relight.jobs.scene_files import LitFolder
+from relight.jobs.textures import SceneTextures
 from relight.output.lamps_glb import NO_LAMPS
-from relight.output.subject import AskedFiles, LitFolder, WrittenScene
-from relight.output.textures import SceneTextures
+from relight.request import RelightRequest
 from splat2mesh.base.errors import DataWarning
 from splat2mesh.base.progress import Stages
 from splat2mesh.pipeline import add_texture
@@ -50,8 +52,11 @@ def textures_of(scene):
     """The SceneTextures of a scene whose colours are its albedo."""
     colors = scene.colors_linear
     look = Appearance(colors, colors, np.ones_like(colors), None)
-    written = WrittenScene(SimpleNamespace(scene=scene, stages=Stages(), cache=None), look, AskedFiles([]))
-    return SceneTextures(written, SimpleNamespace(received=lambda shading, exposure: shading.received))
+    job = Job(RelightRequest(scene, "noon", formats=(), baked=("texture",)))
+    vars(job.inputs).update(splats=None)
+    vars(job.known).update(appearance=look)
+    source = SimpleNamespace(received=lambda shading, exposure: shading.received)
+    return SceneTextures(job, SimpleNamespace(shown=lambda shaded: shaded), source)
 
 
 def shaded(scene, exposure=1.0, radiance=None):
@@ -137,7 +142,7 @@ def test_a_changed_scene_keeps_the_texture_of_what_is_left(folder, tmp_path):
     texture, whole = textures_of(changed), textures_of(scene)
     assert whole.is_whole and not texture.is_whole
     pictures = texture.picture(shaded(changed)), whole.picture(shaded(scene))
-    atlas, shown = texture.painter(shaded(changed))[0], np.zeros(128**2, bool)
+    atlas, shown = texture.baked.atlas, np.zeros(128**2, bool)
     shown[atlas.texels[atlas.inside]] = True
     for one in (0, 1, 2):
         np.testing.assert_array_equal(*(picture.reshape(-1, 3)[shown, one] for picture in pictures))

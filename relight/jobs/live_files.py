@@ -1,46 +1,42 @@
 """Write what is live, once for a scene: the bundle that loaders read, and the page that relights."""
 
-from typing import TYPE_CHECKING
-
 from splat2mesh.render.raycaster import RayCaster
 
 from ..engine.assumed_light import assumed_exposure
 from ..light import SUN_TOLERANCE
+from ..light.environment import Environment
 from ..light.loading import CapturedLight
 from ..live.bundle import write_bundle
-from ..live.ground import ShadowedGround
 from ..live.lights import PortableLight, captured_alone, light_of, offered_lights
-from ..live.live import Live, LiveScene, LiveSettings, live_of
+from ..live.live import Live, LiveScene, live_of
 from ..live.objects import LiveObjects, movables_of, objects_of
 from ..live.page import write_page
 from ..live.parts import LiveParts
 from ..live.terms import sources_of
 from ..options import PLACE_TOLERANCE
+from ..output.catcher import Catcher
+from ..output.inserted_glb import inserted_glb
 from ..transfer.settings import BOUNCE_RAYS, BOUNCE_TOLERANCE, BOUNCES, Settings
-from .catcher import Catcher
-from .inserted_glb import inserted_glb
-from .relit_splats import RelitSource
-from .subject import LitFolder, WrittenScene
-
-if TYPE_CHECKING:
-    from ..light.environment import Environment
+from .job import Job
+from .part_lights import kept_live_parts
+from .relit_source import RelitSource
+from .scene_files import LitFolder
 
 
 class LiveFiles:
-    """Writes live.json with its files, and the page. relit: of the same scene."""
+    """Writes live.json with its files, and the page. job: of the first light. source: of that. lights: beside it."""
 
-    def __init__(self, written: WrittenScene, relit: RelitSource) -> None:
-        assert written.source is not None and written.mix is not None  # else nobody asks
-        self._written, self._relit, self._splats = written, relit, written.source
-        self._relighter, self._appearance = written.relighter, written.appearance
+    def __init__(self, job: Job, source: RelitSource, lights: list[Environment]) -> None:
+        self._job, self._source, self._known = job, source, job.known
+        self._relighter, self._appearance = job.known.relighter, job.known.appearance
         # The captured light has a place of its own.
-        self._others = [each for each in written.asked.lights if not isinstance(each, CapturedLight)]
-        self._mix, self._room, self._exposed = written.mix, written.mix.room, written.mix.exposure_ev is not None
+        self._others = [each for each in lights if not isinstance(each, CapturedLight)]
+        self._mix, self._room, self._exposed = job.mix, job.mix.room, job.mix.exposure_ev is not None
         self._live: dict[bool, Live] = {}
 
     def write(self, into: LitFolder) -> list[str]:
         """Write them, with their entry in the report; returns the names of the files."""
-        folder, light, kinds = into.path, into.shaded.light, self._written.asked.kinds
+        folder, light, kinds = into.path, into.shaded.light, self._job.inputs.formats
         objects = self._objects(into)
         live = self._prepared(light)
         others = [each for each in live.lights if each.name != light.name]
@@ -63,12 +59,12 @@ class LiveFiles:
         shaded = into.shaded
         if shaded.inserted is None:
             return None
-        relit = self._relit.relit(shaded) if into.relit is None else into.relit
+        relit = self._source.relit(shaded) if into.relit is None else into.relit
         content = inserted_glb(shaded.inserted, shaded.exposure)
         movable = movables_of(shaded.inserted, shaded.exposure)
-        return objects_of(self._relit.without_objects(shaded), relit, content, shaded.light.rotation_deg, movable)
+        return objects_of(self._source.without_objects(shaded), relit, content, shaded.light.rotation_deg, movable)
 
-    def _prepared(self, light: "Environment") -> Live:
+    def _prepared(self, light: Environment) -> Live:
         """All but how the light that is shown first is exposed."""
         mixes = self._mix.under(light).kind.adds
         if mixes not in self._live:
@@ -80,43 +76,39 @@ class LiveFiles:
             for each in others.values():
                 if self._mix.assumes:
                     exposure = self._mix.exposure_of(each, None) if self._exposed else 1.0
-                    lights.append((each, *self._assumed_light(each, exposure)))
-                    continue
-                radiance = None if as_captured else self._relighter.shading(each, albedo, traced).radiance
-                exposure = self._mix.level(radiance, each) if mixes else self._mix.exposure_of(each, radiance)
-                lights.append((each, exposure, self._lamps(each, exposure)))
+                else:
+                    radiance = None if as_captured else self._relighter.shading(each, albedo, traced).radiance
+                    exposure = self._mix.level(radiance, each) if mixes else self._mix.exposure_of(each, radiance)
+                lights.append(self._portable(each, exposure))
+            splats, gloss, asked = self._job.inputs.shown_splats, self._known.gloss, self._job.request
+            assert splats is not None  # else nobody asks
             shown = LiveScene(
                 self._relighter,
                 self._appearance,
-                self._splats,
+                splats,
                 self._room,
                 sources_of(self._mix) if mixes else (),
-                None if self._written.gloss is None else self._written.gloss.of(self._appearance),
+                None if gloss is None else gloss.of(self._appearance),
                 self._mix.assumes,
-                self._written.mirror(),
+                self._known.mirror,
             )
-            asked = self._written.asked
-            how = LiveSettings(asked.tolerance or PLACE_TOLERANCE, asked.sky, asked.seed)
-            found = live_of(shown, lights, settings, how)
+            tolerance, seed = asked.lighting.tolerance or PLACE_TOLERANCE, asked.lighting.seed
+            found = live_of(shown, lights, settings, tolerance, asked.sky, seed)
             offered = offered_lights(self._relighter, self._appearance)
-            parts = LiveParts.of(self._written.kept_parts(), found.order)
-            found = found._replace(ground=self._ground(), offered=offered, parts=parts)
+            parts = LiveParts.of(kept_live_parts(self._job), found.order)
+            scene, ground = self._known.scene, None
+            if not scene.is_place:  # which has its own
+                ground = Catcher(scene, RayCaster(scene.vertices, scene.faces)).ground()
+            found = found._replace(ground=ground, offered=offered, parts=parts)
             self._live[mixes] = self._mixed(found) if mixes else found
         return self._live[mixes]
 
-    def _ground(self) -> ShadowedGround | None:
-        """The ground under an object, as in its picture; None in a place, which has its own."""
-        scene = self._relighter.scene
-        return None if scene.is_place else Catcher(scene, RayCaster(scene.vertices, scene.faces)).ground()
-
-    def _shown(self, light: "Environment", exposure: float) -> PortableLight:
+    def _shown(self, light: Environment, exposure: float) -> PortableLight:
         """The light that is shown first, not turned, and what is beside it."""
         if isinstance(light, CapturedLight):
             return captured_alone(self._mix.under(light).captured_factor, exposure)
-        if self._mix.assumes:
-            return light_of(light.rotated(-light.rotation_deg), *self._assumed_light(light, exposure))
-        found = light_of(light.rotated(-light.rotation_deg), exposure, self._lamps(light, exposure))
-        if not self._mix.under(light).kind.adds:
+        found = self._portable(light.rotated(-light.rotation_deg), exposure)
+        if self._mix.assumes or not self._mix.under(light).kind.adds:
             return found
         if not self._exposed:
             return self._beside(found, light)
@@ -133,32 +125,27 @@ class LiveFiles:
         alone = captured_alone(self._mix.under(CapturedLight()).captured_factor)
         return live._replace(lights=[*lights, alone])
 
-    def _beside(self, found: PortableLight, light: "Environment", unit: float = 1.0) -> PortableLight:
+    def _beside(self, found: PortableLight, light: Environment, unit: float = 1.0) -> PortableLight:
         """A Light with the light beside it. An environment without effect shows only through windows."""
         captured = self._mix.under(light).captured_factor
         scale = captured if self._appearance.as_captured else self._mix.options.env_scale
         return found._replace(captured=captured, unit=unit).times(scale)
 
-    def _assumed_light(self, light: "Environment", exposure: float) -> tuple[float, float]:
-        """Display value per radiance by that assumption, and the factor on lamps, of what is shown at an exposure."""
-        assert self._room is not None
-        lamps = self._room.lamp_factor if self._room.lamps_found else 0.0
-        return exposure * assumed_exposure(light, self._mix.options.env_scale), exposure * lamps
+    def _portable(self, light: Environment, exposure: float) -> PortableLight:
+        """A light of a result at an exposure, with the factor on the lamps of a room."""
+        room, capture = self._room, self._appearance.capture
+        known = room is not None and room.lamps_found
+        if self._mix.assumes:  # that exposure is of all that is shown
+            assert room is not None
+            lamps = exposure * room.lamp_factor if known else 0.0
+            return light_of(light, exposure * assumed_exposure(light, self._mix.options.env_scale), lamps)
+        lamps, captured = 0.0, self._appearance.as_captured and self._mix.under(light).kind.adds
+        if room is not None and known and capture is not None and not captured:
+            mean = light.mean_luminance
+            lamps = room.lamp_factor * (exposure * mean / capture["brightness"] if mean > 0.0 else 1.0)
+        return light_of(light, exposure, lamps)
 
-    def _lamps(self, light: "Environment", exposure: float) -> float:
-        """Factor on the light of a room's lamps, at the exposure of a light beside it."""
-        capture, room = self._appearance.capture, self._room
-        if (
-            room is None
-            or not room.lamps_found
-            or capture is None
-            or (self._appearance.as_captured and self._mix.under(light).kind.adds)
-        ):
-            return 0.0
-        mean = light.mean_luminance
-        return room.lamp_factor * (exposure * mean / capture["brightness"] if mean > 0.0 else 1.0)
-
-    def _settings(self, light: "Environment") -> Settings:
+    def _settings(self, light: Environment) -> Settings:
         """The settings of the first light's plan; other lights are unknown, so bounces are always included."""
         options = self._relighter.options
         if self._appearance.as_captured:
