@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from splat2mesh.base.arrays import Floats, Matrix3
 from splat2mesh.base.errors import InputError
 from splat2mesh.scene.color import linear_from_srgb
-from splat2mesh.splats.splats import Splats
 
 from ..sh import harmonics
 from ..splats.binding import Binding
@@ -91,11 +90,11 @@ def observed(
     seed: int = 0,
 ) -> PatchFits | None:
     """The PatchFits of a splat whose harmonics show more than one colour; None where nothing depends on the view."""
-    splats = binding.drawn()
-    if looks is None or splats.degree == 0:
+    if looks is None or binding.splats.degree == 0:
         return None
+    means, sh = (binding.drawn(values) for values in (binding.splats.means, binding.splats.sh))
     patch = _patches(binding, colors, seed)
-    found = [_seen(binding, looks, splats, number, scene_from_splat) for number in range(len(looks.eyes))]
+    found = [_seen(binding, looks, means, sh, number, scene_from_splat) for number in range(len(looks.eyes))]
     node, color, mirrored, cosine = (np.concatenate([each[i] for each in found]) for i in range(4))
     patches = int(patch.max()) + 1
     size = BANDS**2 - 1
@@ -116,11 +115,16 @@ def observed(
 
 
 def _seen(
-    binding: Binding, looks: Looks, splats: Splats, number: int, scene_from_splat: Matrix3
+    binding: Binding,
+    looks: Looks,
+    means: NDArray[np.float32],
+    sh: NDArray[np.float32],
+    number: int,
+    scene_from_splat: Matrix3,
 ) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]:
     """Node, linear colour, mirrored direction in the scene and cosine of the pixels of a view that mirror the sky."""
     pixels = SurfacePixels.of_view(looks, binding.surface, number)
-    shown = linear_from_srgb(pixels.blending.drawn(splats.colors_toward(pixels.eye).astype(np.float32)))[pixels.known]
+    shown = linear_from_srgb(pixels.blending.drawn_toward(means, sh, pixels.eye))[pixels.known]
     open_sky = ~np.isfinite(pixels.hits(binding.surface, pixels.mirrored).distance)
     pixels, shown = pixels.take(open_sky), shown[open_sky]
     return pixels.nodes, shown.astype(np.float64), pixels.mirrored @ scene_from_splat.T, pixels.cosine

@@ -34,15 +34,16 @@ def fitted(
 ) -> NDArray[np.float32]:
     """Changes (G, K, 3) float32 of the coefficients that best fit the missing light of pictures."""
     count, size = len(means), (degree + 1) ** 2
-    bases = [_basis(means[rows], eye, degree) for _, _, eye in views]
+    seen = [np.flatnonzero(np.isin(rows, blending.splats)) for blending, _, _ in views]
+    bases = [_basis(means[rows[mine]], eye, degree) for mine, (_, _, eye) in zip(seen, views, strict=True)]
     hold = np.full((1, size, 1), RIDGE, np.float32)
     hold[0, 0] = RIDGE / 5
 
     def drawn(change: NDArray[np.float32]) -> list[NDArray[np.float32]]:
         pictures = []
-        for (blending, known, _), basis in zip(views, bases, strict=True):
+        for (blending, known, _), mine, basis in zip(views, seen, bases, strict=True):
             colors = np.zeros((count, 3), np.float32)
-            colors[rows] = np.einsum("gk,gkc->gc", basis, change)
+            colors[rows[mine]] = np.einsum("gk,gkc->gc", basis, change[mine])
             picture = blending.drawn(colors)
             kept = np.zeros_like(picture)
             kept[known] = picture[known]
@@ -51,10 +52,10 @@ def fitted(
 
     def gathered(pictures: Sequence[NDArray[np.float32]]) -> NDArray[np.float32]:
         total = np.zeros((len(rows), size, 3), np.float32)
-        for (blending, _, _), basis, picture in zip(views, bases, pictures, strict=True):
+        for (blending, _, _), mine, basis, picture in zip(views, seen, bases, pictures, strict=True):
             sums = np.zeros((count, 3), np.float32)
             blending.spread(picture, sums)
-            total += basis[:, :, None] * sums[rows, None]
+            total[mine] += basis[:, :, None] * sums[rows[mine], None]
         return total
 
     weight = np.zeros((count, 3), np.float32)

@@ -37,7 +37,7 @@ class Reflections:
     """
 
     def __init__(self, binding: Binding, looks: Looks, gloss: Gloss, scene: Matrix3) -> None:
-        self._binding, self._drawn = binding, binding.drawn()
+        self._binding, self._means = binding, binding.drawn(binding.splats.means)
         seen = (SurfacePixels.of_view(looks, binding.surface, number) for number in range(len(looks.eyes)))
         self._views = [MirroredPixels.of(pixels, binding.surface, gloss, scene) for pixels in seen]
         places = binding.places
@@ -45,7 +45,7 @@ class Reflections:
         glossy = (share > MOSTLY) & (places.far < MOSTLY)
         rows = np.zeros(len(binding.lit), bool)
         rows[np.flatnonzero(binding.lit)[glossy]] = True
-        part = binding.sketch.mean(rows[binding.drawn_rows].astype(np.float32))
+        part = binding.drawn(rows.astype(np.float32))
         self._glossy = np.flatnonzero(part > MOSTLY)  # among those drawn
 
     def reflected(self, light: Floats, radiance: Floats) -> list[NDArray[np.float64]]:
@@ -56,9 +56,8 @@ class Reflections:
 
     def pictures(self) -> list[NDArray[np.float32]]:
         """The splats as captured, (P, 3) display values of each view."""
-        eyes = (view.pixels.eye for view in self._views)
-        shown = (self._drawn.colors_toward(eye).astype(np.float32) for eye in eyes)
-        return [view.pixels.blending.drawn(colors) for view, colors in zip(self._views, shown, strict=True)]
+        each, sh = (view.pixels for view in self._views), self._binding.drawn(self._binding.splats.sh)
+        return [pixels.blending.drawn_toward(self._means, sh, pixels.eye) for pixels in each]
 
     def shining(self, emitters: Emitters, frame: Frame, scene_from_splat: Matrix4) -> list[NDArray[np.float64]]:
         """The highlights of emitters on the same pixels: `lamp_lobes`."""
@@ -78,9 +77,9 @@ class Reflections:
         them. before, after: what is mirrored in the light of the capture and in the new one, of `reflected`, in
         display units. Where both are equal, after that gain, no bit changes.
         """
-        shown, errors = self._binding.drawn(splats), []
+        shown, means, errors = self._binding.drawn(splats.sh), self._means, []
         for view, old, new in zip(self._views, before, after, strict=True):
-            picture = view.blending.drawn(shown.colors_toward(view.pixels.eye).astype(np.float32))
+            picture = view.blending.drawn_toward(means, shown, view.pixels.eye)
             now = np.maximum(picture[view.pixels.known], 0.0).astype(np.float64)
             ratio = np.exp(2.4 * view.pixels.of_nodes(log_gain))
             change = new - ratio * old
@@ -92,7 +91,6 @@ class Reflections:
             errors.append(error)
         if not any(error.any() for error in errors):
             return splats
-        means = self._drawn.means
         parts = [(view.blending, view.pixels.known, view.pixels.eye) for view in self._views]
         found = fitted(means, self._glossy, parts, errors, DEGREE)
         number = np.full(len(means), -1)

@@ -44,8 +44,9 @@ ROUNDS = 2
 class Binding:
     """N Gaussians bound to a Scene.
 
-    places: Places of those that can be lit, which are `shown`. lit: (N,) bool; the others keep their colour: a
-    position, scale, rotation, opacity or colour that is not finite or out of any range, or a zero quaternion.
+    splats: the N, as read. places: Places of those that can be lit, which are `shown`. lit: (N,) bool; the others keep
+    their colour: a position, scale, rotation, opacity or colour that is not finite or out of any range, or a zero
+    quaternion.
     """
 
     def __init__(
@@ -59,7 +60,7 @@ class Binding:
         diagonal: float | None = None,  # of `Surface`, where the scene is a part of another
     ) -> None:
         """Bind them. Warns with a DataWarning of Gaussians that cannot be lit."""
-        self._splats, self.lit = splats, sound(splats)
+        self.splats, self.lit = splats, sound(splats)
         unlit = len(splats) - int(self.lit.sum())
         if unlit:
             warnings.warn(
@@ -109,10 +110,10 @@ class Binding:
 
         Raises InputError for another number of splats.
         """
-        if splats.sh.shape != self._splats.sh.shape:
-            raise InputError(f"expected the {len(self._splats)} splats that are bound, found {len(splats)}")
+        if splats.sh.shape != self.splats.sh.shape:
+            raise InputError(f"expected the {len(self.splats)} splats that are bound, found {len(splats)}")
         other = copy(self)
-        other._splats, other.shown = splats, splats if self.lit.all() else splats.take(self.lit)
+        other.splats, other.shown = splats, splats if self.lit.all() else splats.take(self.lit)
         return other
 
     def posed(self, splats: Splats, mesh: MovedMesh, captured: Radiance) -> "Binding":
@@ -169,15 +170,14 @@ class Binding:
         """Looks at the same from other views, in the frame of the splats."""
         return Looks.at(self.sketch.splats, self.surface, views, self._near)
 
-    def drawn(self, splats: Splats | None = None) -> Splats:
-        """The Splats of those pictures, with what depends on the view in others of the same rows, as all are read."""
-        sh, rows = (self.shown.sh, np.flatnonzero(self._drawn)) if splats is None else (splats.sh, self.drawn_rows)
-        return replace(self.sketch.splats, sh=self.sketch.mean(sh, rows))
+    def drawn(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Values (N, ...) of all Gaussians as those of the ones in those pictures, (G, ...)."""
+        return self.sketch.mean(values, self.drawn_rows)
 
     @property
     def carried(self) -> CarriedMesh:
         """The mesh, as the splats carry it where they move."""
-        return CarriedMesh(self.surface, self._splats, self.drawn_rows)
+        return CarriedMesh(self.surface, self.splats, self.drawn_rows)
 
     @property
     def drawn_rows(self) -> NDArray[np.int64]:
@@ -225,7 +225,7 @@ class Binding:
         if self._mirrored is not None:
             rows = self._mirrored.rows
             logs[rows] = self._mirrored.log_gains(of_nodes, logs[rows])
-        s = self._splats
+        s = self.splats
         sh = relit_sh(self.shown.sh, logs, mean)
         if self._looks is not None and rounds:
             before, relit = (self.sketch.mean(each[self._drawn, 0]) for each in (self.shown.sh, sh))

@@ -18,7 +18,7 @@ from splat2mesh.base.threads import shared
 from splat2mesh.render.rasterize import ZERO
 from splat2mesh.render.screentiles import AREA
 from splat2mesh.render.view import View
-from splat2mesh.splats.splats import Splats
+from splat2mesh.splats.splats import Splats, colors_toward
 
 from .blend_lists import SHARES, in_tiles, listed, within
 
@@ -77,6 +77,20 @@ class Blending(NamedTuple):
         picture = np.zeros((AREA * (len(self.runs) - 1), 3), np.float32)
         _draw(len(self.runs) - 1, *self[1:], colors, picture)
         return picture
+
+    @property
+    def seen(self) -> NDArray[np.int64]:
+        """Numbers of the Gaussians that these pixels show."""
+        return np.unique(self.splats).astype(np.int64)
+
+    def drawn_toward(
+        self, means: NDArray[np.float32], sh: NDArray[np.float32], eye: NDArray[np.float64]
+    ) -> NDArray[np.float32]:
+        """The pixels, as `drawn`, of Gaussians of centres (N, 3) and colour coefficients (N, K, 3), as seen from an
+        eye (3,)."""
+        colors, seen = np.zeros((len(means), 3), np.float32), self.seen
+        colors[seen] = colors_toward(means[seen], sh[seen], eye.astype(np.float32))
+        return self.drawn(colors)
 
     def spread(self, values: NDArray[np.float32], sums: NDArray[np.float32]) -> None:
         """Add to each Gaussian, sums (N, 3), its shares of the pixels' values (P, 3), float32 both."""

@@ -185,13 +185,18 @@ class Splats:
         eye = np.asarray(eye, np.float32)
         if eye.shape != (3,):
             raise InputError(f"an eye is one world point of shape (3,), found {eye.shape}")
-        colors = self.colors_diffuse
-        if self.degree > 0:
-            for start in range(0, len(self), ROWS_AT_ONCE):
-                rows = slice(start, start + ROWS_AT_ONCE)
-                basis = sh_basis_3dgs(_unit(self.means[rows] - eye), self.degree)
-                colors[rows] += np.einsum("nk,nkc->nc", basis[:, 1:], self.sh[rows, 1:])
-        return np.maximum(colors, 0, out=colors)
+        return colors_toward(self.means, self.sh, eye)
+
+
+def colors_toward(means: NDArray[Any], sh: NDArray[Any], eye: NDArray[Any]) -> NDArray[Any]:
+    """`Splats.colors_toward` of centres (N, 3) and colour coefficients (N, K, 3)."""
+    colors, degree = SH_C0 * sh[:, 0] + np.float32(0.5), DEGREE_OF_COEFFICIENTS[sh.shape[1]]
+    if degree > 0:
+        for start in range(0, len(means), ROWS_AT_ONCE):
+            rows = slice(start, start + ROWS_AT_ONCE)
+            basis = sh_basis_3dgs(_unit(means[rows] - eye), degree)
+            colors[rows] += np.einsum("nk,nkc->nc", basis[:, 1:], sh[rows, 1:])
+    return np.maximum(colors, 0, out=colors)
 
 
 def _unit(vectors: NDArray[Any]) -> NDArray[Any]:

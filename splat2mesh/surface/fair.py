@@ -37,11 +37,11 @@ def fair(
     system = (scipy.sparse.diags_array(trust) + bending).tocsr()
     free = np.flatnonzero(~fixed) if fixed is not None else np.arange(len(points))
     faired = points.astype(np.float64)
-    faired[free] += _solved(system[free][:, free], -(bending @ points)[free])
+    faired[free] += solved(system[free][:, free], -(bending @ points)[free])
     return faired
 
 
-def _solved(system: "scipy.sparse.csr_matrix", right: Floats) -> Floats:
+def solved(system: "scipy.sparse.csr_matrix", right: Floats) -> Floats:
     """(V, 3) solution of a positive definite system for three right sides, by conjugate gradients with the diagonal as
     preconditioner. Products are summed by einsum: those of BLAS depend on how many threads it has."""
     inverse = (1.0 / system.diagonal())[:, None]

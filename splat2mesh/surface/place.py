@@ -17,6 +17,7 @@ from ..splats.splats import Splats
 from ..views.overhead import MOST_LEAK, Overhead
 from .adaptive import SLABS, fuse_adaptively
 from .album import Album, filled_in
+from .behind_fog import behind_fog
 from .clean import fill_holes, without_floaters
 from .decimate import decimate
 from .extract import FINEST_CELL, LEAST_POINTS, PROBE_PIXELS, PROBES, Look, dilated, training_pixel
@@ -37,7 +38,8 @@ SPARE, MOST_VERTICES, SHAPE = 2.5, 400_000, 0.75
 part of the most that the shape may take, before colours ask for theirs."""
 
 LEAST_BAND = 2.0
-"""Most distance between a plane and what lies on it, in training pixels, where there is no fog."""
+"""Most distance between a plane and what lies on it, in training pixels, where there is no fog; and the most thickness
+that vertices are moved by."""
 
 HOLE_CELLS = 40.0
 """Border of the largest hole that is closed, in cells of its surroundings."""
@@ -71,7 +73,8 @@ def reconstruct_place(
         return [FusionSight.of(shot, distance, FINEST_CELL * pixel, fog) for shot in shots], Album.of(shots)
 
     sights, album = developed(shots)
-    patches = SeenPatches.seen(shots, distance, PATCH * max(fog * distance, LEAST_BAND * pixel))
+    band = max(fog * distance, LEAST_BAND * pixel)
+    patches = SeenPatches.seen(shots, distance, PATCH * band)
     del shots
     points, faces, cells = _fused(sights, middle, stages)
     if overhead is not None and overhead.leak(points, faces) > MOST_LEAK:
@@ -107,6 +110,7 @@ def reconstruct_place(
         colors, unseen = filled_in(shown, placed)
     with stages.stage("planes"):
         on = evened(placed, normals, faces, thickness, patches)
+        placed = behind_fog(placed, on.normals, faces, thickness, LEAST_BAND * pixel, band)
     counts: dict[str, float] = {"components_dropped": dropped, "holes_filled": filled, "vertices_unseen": unseen}
     counts |= {"fog": round(fog, 4), "vertices_found": found, "planes": len(on.planes), "on_planes": round(on.area, 3)}
     return Mesh(placed, on.normals, faces, colors), Look(splats, pixel, list(views), near), counts
