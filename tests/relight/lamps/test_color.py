@@ -1,4 +1,4 @@
-"""relight.lamps.color: published chromaticities, and texts that mean the same."""
+"""relight.lamps.asked: published chromaticities, and texts that mean the same."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""relight.lamps.export: what is written is read back, and as others read it."""
+"""relight.lamps.gltf_lights: what is written is read back, and as others read it."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""relight.lamps.files: JSON, and which reader takes which file."""
+"""relight.lamps.spec: JSON, and which reader takes which file."""
 
 import json
 
