@@ -1,8 +1,8 @@
 """Fit how far behind the level of the depth maps the surface of a place lies, as a share of how thick its fog is.
 
 Each folder of the corpus holds a trained splat and its truth, as scripts/score takes them. Each splat is meshed once,
-and its vertices are moved by every share. The mean of the F-scores of all scenes chooses; the error printed beside each
-is that of the share that the others choose.
+and its vertices are moved by every share. That one is chosen whose least gain, of any scene at any distance, is the
+largest: no scene pays for another. Beside each stands how it fares by the share that the others choose.
 """
 
 import numpy as np
@@ -37,13 +37,18 @@ def scores(folder):
     return np.array([[each[name] for name in each if name.startswith("F")] for each in found])
 
 
+def chosen(found):
+    """Number of the share that F-scores (N, S, 3) choose."""
+    return (found / found[:, :1]).min(axis=(0, 2)).argmax()
+
+
 def fit(corpus):
     """Print the scores of every scene, the share that all choose, and how each fares by that of the others."""
     names = sorted(folder.name for folder in corpus.iterdir() if folder.is_dir())
     found = np.array([scores(corpus / name) for name in names])
-    means = found.mean(axis=2)
-    for name, table, others in zip(names, found, (means.sum(axis=0) - means), strict=True):
-        for share, row in zip(SHARES, table, strict=True):
+    for number, name in enumerate(names):
+        for share, row in zip(SHARES, found[number], strict=True):
             print(f"{name} {share:4.2f}: " + "  ".join(f"{value:.3f}" for value in row))
-        print(f"{name}: the others choose {SHARES[others.argmax()]}, mean {table[others.argmax()].mean():.3f}")
-    print(f"all choose {SHARES[means.mean(axis=0).argmax()]}")
+        others = chosen(np.delete(found, number, axis=0))
+        print(f"{name}: the others choose {SHARES[others]}, by which it has {found[number, others].round(3)}")
+    print(f"all choose {SHARES[chosen(found)]}")

@@ -100,8 +100,8 @@ def test_every_option_of_the_light_reaches_the_job_unchanged(folder, monkeypatch
     seen = []
 
     class Job:
-        inputs = SimpleNamespace(asked_lamps=(), from_inside=False)
-        known = SimpleNamespace(gloss=None, mirrored_floor=None)
+        inputs = SimpleNamespace(asked_lamps=())
+        known = SimpleNamespace(gloss=None, mirrored_floor=None, scene=SimpleNamespace(capture={}))
         light_kind = LightKind.ALONE
 
         def __init__(self, request, stages, at_hand):
