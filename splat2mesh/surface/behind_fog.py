@@ -13,8 +13,8 @@ from ..base.arrays import Directions, Faces, Floats, Points
 from .fair import edge_uses, solved
 
 SHARE = 0.75
-"""Of the thickness: how far the surface lies behind the level of the depth maps (`scripts/fit fog`, on a trained garden,
-a trained room and a generated one: their least gain is largest by it)."""
+"""Of the thickness: how far the surface lies behind the level of the depth maps (`scripts/fit fog`, on a trained
+garden, a trained room and a generated one: their least gain is largest by it)."""
 
 
 def behind_fog(
