@@ -12,6 +12,7 @@ from relight import Environment, LightingOptions
 from relight.engine.assumed_light import LEAST, OUTSIDE, assumed_change, assumed_exposure
 from relight.insert.asked import AskedInsert
 from relight.jobs.job import Job
+from relight.jobs.object_surroundings import light_under
 from relight.jobs.writer import report_of
 from relight.request import RelightRequest
 from splat2mesh.base.errors import DataWarning
@@ -132,7 +133,7 @@ def test_an_object_takes_the_light_of_the_room_that_is_assumed(grey):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DataWarning)
             shaded = next(iter(job.shaded()))
-            skies = job.light_around(shaded).skies
+            skies = light_under(shaded, job.mix).skies
         found[name] = shaded.inserted.radiance * shaded.exposure, skies
     change = (1.0 if grey else OUTSIDE) * assumed_change(Environment.load("sunset"))
     then, now = (radiance for radiance, _ in found.values())

@@ -28,7 +28,8 @@ def scene():
 
 
 @pytest.mark.slow
-def test_view_saves_the_picture_of_a_session(scene, tmp_path):
+def test_view_saves_the_picture_of_a_session(scene, tmp_path, monkeypatch):
+    monkeypatch.setattr("relight.planning.unmeasured.UNMEASURED_VERTICES", 5000)  # as in the process of the worker
     path = tmp_path / "session.png"
     options = {"size": SIZE, "tolerance": 0.05, "exposure": 0.35, "state": {"split": True, "angle_deg": 20.0}}
     assert view(scene, "noon", screenshot=path, **options) is None

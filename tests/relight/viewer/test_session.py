@@ -255,7 +255,8 @@ def test_views_show_albedo_and_normals_whatever_the_light(scene):
 
 
 @pytest.mark.slow
-def test_the_worker_answers_as_if_it_were_here_and_survives_bad_lights(scene, tmp_path):
+def test_the_worker_answers_as_if_it_were_here_and_survives_bad_lights(scene, tmp_path, monkeypatch):
+    monkeypatch.setattr("relight.planning.unmeasured.UNMEASURED_VERTICES", 5000)  # as in the process of the worker
     (tmp_path / "broken.hdr").write_bytes(b"#?RADIANCE\nnothing")
     lights = choices_of("noon", tmp_path)
     session = Session(SessionRequest.of(scene, lights, tolerance=0.05), ProcessWorker)
