@@ -4,6 +4,7 @@ Two threads work. One answers the newest state quickly, from the newest exact an
 that rests, and stops once another is wanted.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
@@ -29,7 +30,7 @@ class Answer(Generic[Asked, Found]):
     exact: bool = True
 
 
-class Bench(Generic[Asked, Found]):
+class Bench(ABC, Generic[Asked, Found]):
     """Answers the state that is wanted. `poll` it often.
 
     first: an Answer to begin with. spare: how many exact answers are kept for a return.
@@ -48,18 +49,18 @@ class Bench(Generic[Asked, Found]):
         self._prepared: Future[Any] | None = None
 
     @property
+    @abstractmethod
     def wanted(self) -> Asked:
         """The present state. States are compared by ==."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _exactly(self, state: Asked, check: Check) -> Callable[[], Found] | None:
         """The work that finds the result for a state; None where there is nothing to do. Called in the window's thread,
         as `_quickly`; the work is not."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _quickly(self, state: Asked, known: Answer[Asked, Found] | None) -> Callable[[], Found] | None:
         """The same for a coarse result. known: the last exact Answer, if there is one."""
-        raise NotImplementedError
 
     def prepare(self) -> None:
         """Start the long work that comes before answers, in the thread of exact ones."""
